@@ -109,8 +109,8 @@ def evaluated(eq: Equations, t: Any, x: Any, d: Any, u: Any, p: Any, w: Any, mov
     past = []
     for k in range(len(eq.q)):
         past += [*(w[k] + moves[k] * a for a in away), t - lags[k] + away[-1], 1.0, REST_INSTANTS]
-    made: list[Any] = eq.rhs.call([t, x, d, u, ca.SX(ca.vertcat(*past)), p])
-    return made
+    values: list[Any] = eq.rhs.call([t, x, d, u, ca.SX(ca.vertcat(*past)), p])
+    return values
 
 
 def _without(name: str) -> str:

@@ -64,7 +64,9 @@ def examine(
     named = {"block": blocks, "input": inputs, "output": outputs, "value": values}
     faults = [fault for what, names in named.items() for fault in name_faults(names, what)]
     unsure = {*unsure, *(k for k in blocks if not _is_name(k))}
-    links, bad_wires = _read_wires(wires, blocks, inputs, outputs)
+    others = dict.fromkeys(outputs, "an output of the diagram: say under outputs what it shows.")
+    others |= dict.fromkeys(inputs, "an input of the diagram: list the ports it drives under inputs.")
+    links, bad_wires = _read_wires(wires, blocks, others)
     again = "give one of them another name."
     bad_inputs = [
         placed(f"'{k}' is both an input of the diagram and a block; {again}", k) for k in inputs if k in blocks
@@ -97,9 +99,7 @@ def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
             yield f"{name} must be text, got {in_words(given)}."
 
 
-def _read_wires(
-    wires: Any, blocks: Mapping[str, Any], inputs: Collection[str], outputs: Collection[str]
-) -> tuple[list[Link], list[str]]:
+def _read_wires(wires: Any, blocks: Mapping[str, Any], others: Mapping[str, str]) -> tuple[list[Link], list[str]]:
     """Links of chains (or links that were read before), and a sentence for each fault."""
     no_list = wires_fault("wires", wires)
     if no_list:
@@ -112,9 +112,9 @@ def _read_wires(
         if isinstance(wire, Link) and _still_valid(wire, blocks):
             links.append(wire)
         elif isinstance(wire, (str, Link)):
-            read, wrong = parse_chain(str(wire) if isinstance(wire, Link) else wire, blocks)
+            read, wrong = parse_chain(str(wire) if isinstance(wire, Link) else wire, blocks, others)
             links += read
-            faults += [placed(_not_a_block(fault, inputs, outputs), wire) for fault in wrong]
+            faults += [placed(fault, wire) for fault in wrong]
         else:
             faults.append(f"a wire must be text such as 'error -> pid', got {in_words(wire)}.")
     return links, faults
@@ -132,17 +132,6 @@ def _still_valid(link: Link, blocks: Mapping[str, Any]) -> bool:
     """Whether a link that was read before still joins two ports (its blocks may have changed)."""
     (source, out), (target, into) = link.source, link.target
     return source in blocks and target in blocks and out in blocks[source].outports and into in blocks[target].inports
-
-
-def _not_a_block(fault: str, inputs: Collection[str], outputs: Collection[str]) -> str:
-    """The fault, or the correct form where an input or output of the diagram was taken for a block."""
-    wire, names, rest = fault.partition(" names block '")
-    name = rest.partition("'")[0]
-    if names and name in inputs:
-        return f"{wire} names '{name}', which is an input of the diagram: list the ports it drives under inputs."
-    if names and name in outputs:
-        return f"{wire} names '{name}', which is an output of the diagram: say under outputs what it shows."
-    return fault
 
 
 def _is_name(name: Any) -> bool:

@@ -16,6 +16,9 @@ import attrs
 from tsmblocks.common.errors import clip, in_words, near
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+"""What a block, a port, an input or an output may be called."""
+NO_OTHERS: Mapping[str, str] = {}
+"""No names but those of blocks."""
 
 
 class Ported(Protocol):
@@ -36,9 +39,9 @@ class PlacedText(str):
     @classmethod
     def at(cls, text: str, place: str) -> PlacedText:
         """The text with its place."""
-        made = cls(text)
-        made.place = place
-        return made
+        placed_text = cls(text)
+        placed_text.place = place
+        return placed_text
 
 
 End = tuple[str, str]
@@ -111,8 +114,11 @@ def _choose(name: str, block: Ported, port: str, side: str) -> str:
     raise Fault(f"{owner} has {len(usual)} {side}s, so say which. Known here: {', '.join(usual)}.")
 
 
-def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> End:
-    """``"tsm"`` or ``"tsm.y"`` as (block, port), the port being an ``input`` or ``output``; raises Fault."""
+def resolve(text: str, blocks: Mapping[str, Ported], side: str, others: Mapping[str, str] = NO_OTHERS) -> End:
+    """``"tsm"`` or ``"tsm.y"`` as (block, port), the port being an ``input`` or ``output``; raises Fault.
+
+    ``others`` maps names that are no blocks to what they are, as the end of a sentence.
+    """
     if not isinstance(text, str):
         raise Fault(f"a port must be text such as 'motor.y', got {in_words(text)}.")
     name, _, port = text.strip().partition(".")
@@ -126,13 +132,17 @@ def resolve(text: str, blocks: Mapping[str, Ported], side: str) -> End:
         )
     if not NAME.fullmatch(name) or (port and not NAME.fullmatch(port)):
         raise Fault(f"'{clip(text.strip())}' is not a name. Write block or block.port.")
+    if name not in blocks and name in others:
+        raise Fault(f"names '{name}', which is {others[name]}")
     if name not in blocks:
         raise Fault(f"names block '{clip(name)}', which is not in blocks.{near(name, blocks)}")
     return name, _choose(name, blocks[name], port, side)
 
 
-def parse_chain(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], list[str]]:
-    """The links of one chain, and a sentence for each fault in it."""
+def parse_chain(
+    text: str, blocks: Mapping[str, Ported], others: Mapping[str, str] = NO_OTHERS
+) -> tuple[list[Link], list[str]]:
+    """The links of one chain, and a sentence for each fault in it; ``others`` as for ``resolve``."""
     place = place_of(text)
     stages = [[part.strip() for part in stage.split(",")] for stage in text.split("->")]
     links: list[Link] = []
@@ -146,13 +156,13 @@ def parse_chain(text: str, blocks: Mapping[str, Ported]) -> tuple[list[Link], li
         try:
             # In the middle of a chain a port names where the wire goes in; out there must be one way.
             first = source is stages[0][0]
-            start = resolve(source if first else source.partition(".")[0], blocks, "output")
+            start = resolve(source if first else source.partition(".")[0], blocks, "output", others)
         except Fault as fault:
             faults.append(str(fault))
             start = None
         for target in targets:
             try:
-                end = resolve(target, blocks, "input")
+                end = resolve(target, blocks, "input", others)
                 if start is not None:
                     links.append(Link(start, end, place))
             except Fault as fault:

@@ -130,10 +130,10 @@ def _stable(parts: Sequence[np.ndarray], dt: float) -> bool:
     A, B, C, D = parts
     if not A.size or 1.0 + D.item() == 0.0:
         return 1.0 + D.item() > 0.0
-    found = np.linalg.eigvals(A - B @ C / (1.0 + D.item()))
+    poles = np.linalg.eigvals(A - B @ C / (1.0 + D.item()))
     if dt:
-        return bool(np.all(np.abs(found) <= 1.0 + STABILITY_TOLERANCE))
-    return bool(np.all(found.real <= STABILITY_TOLERANCE * np.abs(found).max()))
+        return bool(np.all(np.abs(poles) <= 1.0 + STABILITY_TOLERANCE))
+    return bool(np.all(poles.real <= STABILITY_TOLERANCE * np.abs(poles).max()))
 
 
 def limit(text: Any, units: Mapping[str, str], diagram: Diagram) -> Limit:

@@ -163,8 +163,8 @@ class Search:
                 {name: self.bounds[name].low if off else row[name] for name, off in zip(row, mask, strict=True)}
                 for row, mask in zip(sets, low, strict=True)
             ]
-            found = self._scores(self.measured(more))
-            sets, goal, over = [*sets, *more], np.append(goal, found[0]), np.append(over, found[1])
+            goals, excess = self._scores(self.measured(more))
+            sets, goal, over = [*sets, *more], np.append(goal, goals), np.append(over, excess)
         order = np.lexsort((goal, np.maximum(over, LIMIT_TOLERANCE)))
         return [sets[k] for k in order[:count] if np.isfinite(goal[k])]
 
@@ -205,7 +205,7 @@ class Search:
         width = FIRST_RADIUS
         for _ in range(MOST_STEPS):
             here, count = at(z), len(z)
-            # of the step d, the worst case s and the excess e: min s + PRICE e with s, e above all linear models
+            # of the step, the worst case s and the excess e: min s + LIMIT_PENALTY e with s, e above all linear models
             m, k = len(here.goal), len(here.excess)
             slacks = np.block([[-np.ones((m, 1)), np.zeros((m, 1))], [np.zeros((k, 1)), -np.ones((k, 1))]])
             A = np.hstack([np.vstack([here.goal_jacobian / here.scale, here.excess_jacobian]), slacks])
@@ -239,7 +239,7 @@ class Search:
             worst_case = np.repeat([1.0, 0.0], [len(here.goal), len(here.excess)])
             return np.column_stack([np.vstack([-here.goal_jacobian / size, -here.excess_jacobian]), worst_case])
 
-        found = minimize(
+        end = minimize(
             lambda v: v[-1],
             np.append(z, float(begin.goal.max()) / size),
             jac=lambda _: np.append(np.zeros(len(z)), 1.0),
@@ -248,8 +248,8 @@ class Search:
             options={"maxiter": MOST_LAST_STEPS, "ftol": 1e-8},
             constraints=[{"type": "ineq", "fun": room, "jac": gradient}],
         ).x[:-1]
-        end = np.clip(found, 0.0, 1.0) if np.isfinite(found).all() else z
-        return end if at(end).improves_on(at(z)) else z
+        end = np.clip(end, 0.0, 1.0) if np.isfinite(end).all() else z
+        return end if at(end).improves_on(begin) else z
 
     # ---- derivatives
 

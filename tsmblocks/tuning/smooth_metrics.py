@@ -183,9 +183,9 @@ class DifferentiableMetric:
             value, w = SMOOTH_REDUCTIONS[part.reduction](e, kept, smoothing, *part.numbers)
             values.append(value)
             gradients.append(w @ rows)
-        made, *by_part = (float(v) for v in self.outer(*values))
+        value, *by_part = (float(v) for v in self.outer(*values))
         gradient = sum(d * row for d, row in zip(by_part, gradients, strict=True))
-        return np.array([self.metric.factor * made]), self.metric.factor * np.atleast_2d(gradient)
+        return np.array([self.metric.factor * value]), self.metric.factor * np.atleast_2d(gradient)
 
     @property
     def smoothed(self) -> bool:
