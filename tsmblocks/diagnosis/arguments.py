@@ -52,9 +52,7 @@ class Request:
         """What to know of the recordings before anything is fitted."""
         result = without_units(self.records, self.diagram, self.measured)
         result += [f"{name}: {text}" for name, r in self.records.items() for text in r.notes]
-        return result + [
-            f"{name}: only {low:g} s to {high:g} s is compared." for name, (low, high) in self.spans.items()
-        ]
+        return result + [f"{k}: only {low:g} s to {high:g} s is compared." for k, (low, high) in self.spans.items()]
 
 
 def checked(
@@ -84,17 +82,9 @@ def checked(
     if free is not None:
         chosen(diagram, free)  # unknown names are refused before any work
     floors = given_floors(noise_floor, diagram, records, measured)
-    settings = ModelSettings(
-        None if free is None else tuple(arguments.as_names("free", free, "tsm.*")),
-        {},
-        (),
-        arguments.as_bool("start_states", start_states),
-        step,
-        integrator,
-        hold,
-        seed=seed,
-        window=inside,
-    )
+    names = None if free is None else tuple(arguments.as_names("free", free, "tsm.*"))
+    start_states = arguments.as_bool("start_states", start_states)
+    settings = ModelSettings(names, {}, (), start_states, step, integrator, hold, seed, inside)
     instants = _compared(records, inside).items()
     spans = {k: (float(t[0]), float(t[-1])) for k, t in instants if len(t) < len(records[k])}
     return Request(diagram, records, measured, selected, patterns, floors, settings, condition, spans)
@@ -134,12 +124,10 @@ def _selected(patterns: tuple[str, ...] | None) -> tuple[Effect, ...]:
     every = catalogue()
     if patterns is None:
         return every
-    known, names = {e.name for e in every}, set[str]()
     if not patterns:
         raise ParameterError("effects names no effect to look for. Leave it out to look for all of the catalogue.")
+    known = {e.name for e in every}
     for pattern in patterns:
-        hits = {k for k in known if fnmatchcase(k, pattern)}
-        if not hits:
+        if not any(fnmatchcase(name, pattern) for name in known):
             raise ParameterError(f"effects: '{pattern}' names no effect of the catalogue.{near(pattern, known)}")
-        names |= hits
-    return tuple(e for e in every if e.name in names)
+    return tuple(e for e in every if any(fnmatchcase(e.name, pattern) for pattern in patterns))

@@ -71,10 +71,8 @@ def _whole_diagram(diagram: Diagram, parts: Sequence[DiagnosedPart], *, with_eff
 
 def _consequence(parts: Sequence[DiagnosedPart], segments: Sequence[Segment]) -> Consequence | str:
     """What the effects mean for control, for the last part with effects; a sentence where that cannot be simulated."""
-    for diagnosed, segment in zip(reversed(parts), reversed(segments), strict=True):
-        if segment.effects:
-            return consequence(diagnosed.models[0], diagnosed.models[-1])
-    return ""
+    last = next((one for one, segment in zip(parts[::-1], segments[::-1], strict=True) if segment.effects), None)
+    return "" if last is None else consequence(last.models[0], last.models[-1])
 
 
 def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:

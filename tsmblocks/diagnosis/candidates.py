@@ -116,31 +116,27 @@ def _inner_signal(diagram: Diagram, signal: str) -> str:
 def spectral_lines(model: Model) -> tuple[float, ...]:
     """Frequencies [Hz] of the strongest lines in the residual, over the whole session, strongest first."""
     experiments, segments = model.setup.experiments, model.problem.segments
-    count, step = experiments[0].measured.shape[1], min(experiment.record.step for experiment in experiments)
-    start, end = min(float(t.t[0]) for t in experiments), max(float(t.t[-1]) for t in experiments)
+    count, step = experiments[0].measured.shape[1], min(one.record.step for one in experiments)
+    start, end = min(float(one.t[0]) for one in experiments), max(float(one.t[-1]) for one in experiments)
     size = int((end - start) / step) + 1
     if size > MAX_SPECTRUM_SAMPLES:
         return ()
     power = np.zeros(1)
     for k in range(count):
         row = np.zeros(size)
-        for e, experiment in enumerate(experiments):
-            part = model.r[segments[e * count + k]]
+        for experiment, rows in zip(experiments, segments[k::count], strict=True):
+            part = model.r[rows]
             row[np.minimum(((experiment.t - start) / step + 0.5).astype(int), size - 1)] = part - part.mean()
         padded = 1 << int(4 * size - 1).bit_length()
         power = power + np.abs(np.fft.rfft(row, padded)) ** 2
     frequency = np.arange(len(power)) / (padded * step)
-    inside = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
-    peaks = np.flatnonzero(inside) + 1
-    peaks = peaks[(frequency[peaks] > 2 / (end - start)) & (frequency[peaks] < 0.4 / step)]
-    best = peaks[np.argsort(-power[peaks], kind="stable")]
+    resolution = 2 / (end - start)
+    peaks = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
+    peaks = peaks[(frequency[peaks] > resolution) & (frequency[peaks] < 0.4 / step)]
     chosen: list[float] = []
-    for k in best:
-        f = float(frequency[k])
-        if all(abs(f - other) > 2 / (end - start) for other in chosen):
+    for f in frequency[peaks[np.argsort(-power[peaks], kind="stable")]].tolist():
+        if len(chosen) < SPECTRAL_LINE_COUNT and all(abs(f - other) > resolution for other in chosen):
             chosen.append(f)
-        if len(chosen) == SPECTRAL_LINE_COUNT:
-            break
     return tuple(chosen)
 
 

@@ -75,7 +75,7 @@ def diagnose(
     diagram : Diagram
         The model. Signals of the recordings are matched by name to its inputs and outputs.
     experiments : Record, list of Record, mapping of str to Record, or path
-        The recordings, as for ``tsm.fit``. Several with different amplitudes and frequencies separate more effects.
+        The recordings, as for ``tsm.fit``; several with different amplitudes and frequencies separate more effects.
     free : iterable of str, optional
         Names or patterns of the parameters of the diagram that are fitted. Default: all but initial states.
     noise_floor : float, str or mapping of str to these, optional
@@ -92,12 +92,11 @@ def diagnose(
     start_states : bool, default True
         Whether initial states are estimated for each experiment.
     condition : bool, default True
-        Whether noise of measured inputs is filtered out (zero phase, held at rest); it would drive hysteresis.
+        Whether noise of measured inputs, which would drive hysteresis, is filtered out (zero phase, held at rest).
     seed : int, default 0
         Seed of the random parts: the same data and the same seed give the same result.
     step : float, optional
-        Step [s] of the simulation. Default: chosen for the base; the last model gets a finer one where its confidence
-        intervals would not cover the discretisation error.
+        Step [s] of the simulation. Default: chosen, finer where confidence intervals would not cover its error.
     integrator : str, default "rk4"
         Integration method, as for ``tsm.simulate``.
     hold : {"cubic", "linear", "zero"}, default "cubic"

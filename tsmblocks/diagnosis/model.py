@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from fnmatch import fnmatchcase
 from typing import Any
@@ -20,6 +21,8 @@ from tsmblocks.fitting.setup import Setup, pose
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
+STARTING_POINTS = 6
+"""Starting points of the fit of a base. Chosen: for the run time."""
 MAX_ITERATIONS = 40
 """Gauss-Newton iterations of one optimisation at most. Chosen: an effect that needs more is not identifiable with these
 data."""
@@ -42,8 +45,8 @@ class ModelSettings:
 
     ``free`` are patterns of the base's parameters (None for all but initial states); ``sigma`` is the rms noise of each
     output, which residuals are divided by; ``step`` [s] is that of the simulation, None where it is still to be chosen;
-    ``starts`` is the number of starting points and ``seed`` that of the random ones. ``window`` is the part [s] of each
-    experiment that is compared, None for all of it.
+    ``seed`` is that of random starting points. ``window`` is the part [s] of each experiment that is compared, None for
+    all of it.
     """
 
     free: tuple[str, ...] | None
@@ -53,7 +56,6 @@ class ModelSettings:
     step: float | None = None
     integrator: str = "rk4"
     hold: str = "cubic"
-    starts: int = 6
     seed: int = 0
     window: Mapping[str, Window] | None = None
 
@@ -79,7 +81,6 @@ class Model:
     theta: np.ndarray = attrs.field(repr=False)
     r: np.ndarray = attrs.field(repr=False)
     J: np.ndarray = attrs.field(repr=False)
-    status: str = ""
 
     @property
     def mean_square(self) -> float:
@@ -129,16 +130,10 @@ def calibrate(
     """The base model, fitted from several starting points. Raises what ``tsm.fit`` raises."""
     problem, setup = pose_model(diagram, records, settings, settings.free)
     feasible = feasible_start(problem, problem.unknowns.start)
-    ends = [
-        gauss_newton(problem, one, iterations=MAX_ITERATIONS, tolerance=COARSE_TOLERANCE, progress=progress)
-        for one in starting_points(problem, setup, feasible, settings.starts, settings.seed)
-    ]
-    best = min(ends, key=lambda found: found.cost)
-    return model_at(
-        problem,
-        setup,
-        gauss_newton(problem, best.theta, iterations=MAX_ITERATIONS, tolerance=FINE_TOLERANCE, progress=progress),
-    )
+    search = functools.partial(gauss_newton, problem, iterations=MAX_ITERATIONS, progress=progress)
+    starts = starting_points(problem, setup, feasible, STARTING_POINTS, settings.seed)
+    best = min((search(one, tolerance=COARSE_TOLERANCE) for one in starts), key=lambda end: end.cost)
+    return model_at(problem, setup, search(best.theta, tolerance=FINE_TOLERANCE))
 
 
 def pose_model(
@@ -197,9 +192,8 @@ def optimized(
 ) -> Model:
     """The model at the end of a Gauss-Newton optimisation from ``start``; ``coarse`` allows finite differences."""
     feasible = within_bounds(problem, start)
-    return model_at(
-        problem, setup, gauss_newton(problem, feasible, iterations=MAX_ITERATIONS, tolerance=tolerance, coarse=coarse)
-    )
+    end = gauss_newton(problem, feasible, iterations=MAX_ITERATIONS, tolerance=tolerance, coarse=coarse)
+    return model_at(problem, setup, end)
 
 
 def converged(model: Model) -> Model:
@@ -209,6 +203,5 @@ def converged(model: Model) -> Model:
 
 def model_at(problem: Problem, setup: Setup, found: OptimizerResult) -> Model:
     """The model where an optimisation ended."""
-    theta = found.theta
-    r, J = problem.jacobian(theta, found.difference_steps)
-    return Model(setup.diagram, problem, setup, theta, r, np.where(np.isfinite(J), J, 0.0), found.status)
+    r, J = problem.jacobian(found.theta, found.difference_steps)
+    return Model(setup.diagram, problem, setup, found.theta, r, np.where(np.isfinite(J), J, 0.0))

@@ -173,15 +173,17 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
     base = diagnosed.models[0]
     name, problem = base.setup.outputs[i], base.problem
     sigma, count = diagnosed.floors.sigma[name], len(base.setup.outputs)
-    rows = [problem.segments[e * count + i] for e in range(len(problem.experiments))]
-    groups: dict[str, list[slice]] = {}
+    rows, groups = problem.segments[i::count], dict[str, list[slice]]()
     for experiment, row in zip(problem.experiments, rows, strict=True):
         groups.setdefault(experiment_of(experiment.name), []).append(row)
 
     def rms(r: np.ndarray, some: Sequence[slice]) -> float:
         return sigma * float(np.sqrt(np.mean(np.concatenate([r[row] for row in some]) ** 2)))
 
-    each = {key: tuple(rms(r, some) for r in held) for key, some in groups.items()}
+    given = diagnosed.floors.given.get(name, "")
+    if given:
+        more = ", and noise of the inputs" if diagnosed.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
+        given = f"{given} given{more}"
     return Gap(
         name,
         base.diagram.unit(name),
@@ -189,16 +191,9 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         diagnosed.floors.method[name],
         tuple(rms(m.r, rows) for m in diagnosed.models),
         tuple(rms(r, rows) for r in held),
-        each,
-        _given(diagnosed, name),
+        {key: tuple(rms(r, some) for r in held) for key, some in groups.items()},
+        given,
     )
-
-
-def _given(diagnosed: DiagnosedPart, output: str) -> str:
-    """The floor as it was given, and whether input noise was added; empty where it was estimated."""
-    words = diagnosed.floors.given.get(output, "")
-    more = ", and noise of the inputs" if diagnosed.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
-    return words and f"{words} given{more}"
 
 
 def _ranking(diagnosed: DiagnosedPart) -> tuple[RankedCandidate, ...]:
