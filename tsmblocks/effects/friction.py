@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import attrs
 
 from tsmblocks.blocks import Abs, CoulombFriction, DahlFriction, Derivative, Gain, QuadraticDrag, StribeckFriction, Sum
@@ -55,12 +57,9 @@ def _coulomb_trials(scales: Scales) -> Trials:
     return Trials({"friction.level": FRICTION_SHARE * scales.wire.rms}, shapes, bounds=bounds)
 
 
-def _drag_trials(scales: Scales) -> Trials:
-    return Trials({"friction.coefficient": FRICTION_SHARE * scales.wire.rms / max(scales.other.speed, 1e-12) ** 2})
-
-
-def _asymmetric_trials(scales: Scales) -> Trials:
-    return Trials({"difference.gain": FRICTION_SHARE * scales.wire.rms / max(scales.other.speed, 1e-12)})
+def _trials(name: str, power: int, scales: Scales) -> Trials:
+    """Trial values of a friction that grows with a power of the speed."""
+    return Trials({name: FRICTION_SHARE * scales.wire.rms / max(scales.other.speed, 1e-12) ** power})
 
 
 def _stribeck_trials(scales: Scales) -> Trials:
@@ -104,7 +103,7 @@ POSITION_EFFECTS = (
         _resisting("asymmetric friction", {"size": Abs(), "difference": Gain(gain=0.0)}),
         {"difference.gain": 0.0},
         ("difference.gain",),
-        _asymmetric_trials,
+        functools.partial(_trials, "difference.gain", 1),
         excites="two speeds or more in each direction",
         confused=("load_offset", "drift", "even_nonlinearity"),
         separates="two speeds in each direction: an offset does not grow with the speed",
@@ -143,7 +142,7 @@ POSITION_EFFECTS = (
         _resisting("quadratic drag", {"friction": QuadraticDrag(coefficient=0.0)}),
         {"friction.coefficient": 0.0},
         ("friction.coefficient",),
-        _drag_trials,
+        functools.partial(_trials, "friction.coefficient", 2),
         excites="slow and fast motion",
         confused=("coulomb_friction", "odd_nonlinearity"),
         separates="constant speeds at three levels or more",

@@ -4,17 +4,7 @@ from __future__ import annotations
 
 import attrs
 
-from tsmblocks.blocks import (
-    Creep,
-    Disturbance,
-    Drift,
-    GainChange,
-    GainDrift,
-    Jump,
-    LoopChange,
-    RateLimit,
-    SoftRateLimit,
-)
+from tsmblocks import blocks
 from tsmblocks.effects.effect import Effect, Scales, Trials, across
 
 NO_LIMIT = 1e12
@@ -28,8 +18,12 @@ def _time_origin(scales: Scales) -> dict[str, float]:
     return {"since": scales.start}
 
 
+def _duration(scales: Scales) -> float:
+    return max(scales.stop - scales.start, scales.step)
+
+
 def _drift_trials(scales: Scales) -> Trials:
-    length, size = max(scales.stop - scales.start, scales.step), 0.02 * scales.wire.reach
+    length, size = _duration(scales), 0.02 * scales.wire.reach
     return Trials({"rate": size / length, "curve": size / length**2}, fixed=_time_origin(scales))
 
 
@@ -39,10 +33,6 @@ def _instant_trials(scales: Scales, size: dict[str, float], shape: dict[str, flo
     # A change within the first or the last interval is no change.
     shapes, width = tuple({"time": time, **shape} for time in times), {"width": 2 * scales.step}
     return Trials(size, shapes, width, {"time": (times[0], times[-1])}, refine="time")
-
-
-def _gain_drift_trials(scales: Scales) -> Trials:
-    return Trials({"rate": 0.05 / max(scales.stop - scales.start, scales.step)}, fixed=_time_origin(scales))
 
 
 def _loop_change_trials(scales: Scales) -> Trials:
@@ -85,7 +75,7 @@ GAIN_CHANGE = Effect(
     "time",
     "a gain that changes at one time",
     "output",
-    GainChange(),
+    blocks.GainChange(),
     {"change": 0.0},
     ("change", "time"),
     lambda scales: _instant_trials(scales, {"change": 0.05}, {}),
@@ -97,7 +87,7 @@ GAIN_CHANGE = Effect(
 LOOP_CHANGE = attrs.evolve(
     GAIN_CHANGE,
     words="a loop that changes at one time",
-    block=LoopChange(),
+    block=blocks.LoopChange(),
     null={"change": 0.0, "gain": 0.0},
     free=("change", "gain", "distance", "time"),
     trials=_loop_change_trials,
@@ -108,7 +98,7 @@ DISTURBANCE = Effect(
     "time",
     "a disturbance at a fixed frequency",
     "output",
-    Disturbance(),
+    blocks.Disturbance(),
     {"cosine": 0.0, "sine": 0.0},
     ("cosine", "sine", "frequency"),
     _periodic_trials,
@@ -122,7 +112,7 @@ RATE_LIMIT = Effect(
     "limit",
     "a rate limit",
     "output",
-    RateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
+    blocks.RateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
     {"rising": NO_LIMIT, "falling": -NO_LIMIT},
     ("rising", "falling"),
     _rate_limit_trials,
@@ -137,7 +127,7 @@ EFFECTS = (
         "time",
         "a drift",
         "output",
-        Drift(),
+        blocks.Drift(),
         {"rate": 0.0, "curve": 0.0},
         ("rate", "curve"),
         _drift_trials,
@@ -150,7 +140,7 @@ EFFECTS = (
         "time",
         "a jump (lost counts)",
         "output",
-        Jump(),
+        blocks.Jump(),
         {"size": 0.0},
         ("size", "time"),
         lambda scales: _instant_trials(scales, {"size": 0.02 * scales.wire.reach}, {}),
@@ -162,10 +152,10 @@ EFFECTS = (
     attrs.evolve(
         GAIN_CHANGE,
         words="a gain that drifts",
-        block=GainDrift(),
+        block=blocks.GainDrift(),
         null={"rate": 0.0},
         free=("rate",),
-        trials=_gain_drift_trials,
+        trials=lambda scales: Trials({"rate": 0.05 / _duration(scales)}, fixed=_time_origin(scales)),
         variant="drift",
     ),
     LOOP_CHANGE,
@@ -175,7 +165,7 @@ EFFECTS = (
         "time",
         "creep",
         "output",
-        Creep(),
+        blocks.Creep(),
         {"share": 0.0},
         ("share", "time_constant"),
         _creep_trials,
@@ -192,7 +182,7 @@ EFFECTS = (
     attrs.evolve(
         RATE_LIMIT,
         words="a soft rate limit",
-        block=SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
+        block=blocks.SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
         free=("rising", "falling", "softness", "lag"),
         trials=_soft_rate_limit_trials,
         variant="soft",
