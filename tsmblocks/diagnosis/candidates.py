@@ -82,9 +82,9 @@ class WireSignals:
         return [float(y[0]) for y in self.signals[signal]]
 
 
-def wire_signals(model: Model, places: Sequence[InsertionPoint]) -> WireSignals:
+def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
     """The signals at the insertion points of a model, simulated once more."""
-    names = dict.fromkeys(k for site in places for k in (site.signal, site.other) if k)
+    names = dict.fromkeys(k for site in points for k in (site.signal, site.other) if k)
     columns = tuple(model.setup.eq.y.index(_inner_signal(model.diagram, k)) for k in names)
     signals: dict[str, list[np.ndarray]] = {k: [] for k in names}
     for e, experiment in enumerate(model.setup.experiments):
@@ -141,7 +141,7 @@ def spectral_lines(model: Model) -> tuple[float, ...]:
 
 
 def candidates(
-    model: Model, effects: Sequence[Effect], wires: WireSignals, places: Sequence[InsertionPoint]
+    model: Model, effects: Sequence[Effect], wires: WireSignals, points: Sequence[InsertionPoint]
 ) -> list[Candidate]:
     """Every effect on every admissible signal at which these data excite it.
 
@@ -150,7 +150,7 @@ def candidates(
     found: list[Candidate] = []
     base, order = model.fitted_diagram, ORDERS.get(model.setup.experiments[0].hold, math.inf)
     for effect in effects:
-        for site in places:
+        for site in points:
             if (site.place, site.adds) != (effect.place, effect.adds):
                 continue
             trials = _trials(effect, wires.scales(site))

@@ -76,14 +76,14 @@ def _of_first_experiment(model: Model) -> Diagram:
 
 def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
     """A comment on a compensator on the new model that is no better than that on the base."""
-    if augmented[0] <= base[0] and augmented[1] <= base[1]:
+    worse = [name for name, before, after in zip(("largest", "rms"), base, augmented, strict=True) if after > before]
+    if not worse:
         return ""
-    which = "largest" if augmented[1] <= base[1] else "rms" if augmented[0] <= base[0] else "largest and rms"
+    limit = in_display_units(augmented[1], unit)
     return (
-        f"The {which} error with the new model is no smaller. This is no evidence against it: the plant is that "
-        f"model itself, so the remaining error ({in_display_units(augmented[1], unit)} rms) is the limit of the "
-        "command: where it would have to jump, as at a reversal to cross a gap, it takes some "
-        f"{1000 * delay:.2g} ms."
+        f"The {' and '.join(worse)} error with the new model is no smaller. This is no evidence against it: the plant "
+        f"is that model itself, so the remaining error ({limit} rms) is the limit of the command: where it would have "
+        f"to jump, as at a reversal to cross a gap, it takes some {1000 * delay:.2g} ms."
     )
 
 
@@ -93,8 +93,7 @@ def _errors(
     """Peak-to-peak and rms tracking error of a plant behind the compensator built on a model; infinite where the loop
     diverges.
     """
-    blocks: dict = {"plant": plant}
-    wires, ports = [], [f"plant.{inlet}"]
+    blocks, wires, ports = {"plant": plant}, [], [f"plant.{inlet}"]
     if model is not None:
         blocks["compensator"] = inverse(model, inlet, outlet, gain=LOOP_GAIN_PER_STEP / step, start=float(wanted[0]))
         wires, ports = [f"compensator -> plant.{inlet}"], ["compensator.wanted"]

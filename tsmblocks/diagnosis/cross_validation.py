@@ -93,14 +93,12 @@ def projected_jacobian(model: Model) -> np.ndarray:
 def without_initial_states(model: Model, columns: np.ndarray) -> np.ndarray:
     """Columns (N, m) with the columns of the unknowns of single experiments projected out."""
     experiments, segments, local = model.problem.experiments, model.problem.segments, model.is_local
-    result = columns.copy()
-    count = experiments[0].measured.shape[1]
+    result, count = columns.copy(), experiments[0].measured.shape[1]
     for e in range(len(experiments)):
         rows = slice(segments[e * count].start, segments[(e + 1) * count - 1].stop)
         own = [k for k in model.problem.unknowns.columns(e) if local[k]]
-        if not own:
-            continue
-        left_vectors, size, _ = np.linalg.svd(model.J[rows][:, own], full_matrices=False)
-        basis = left_vectors[:, size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)]
-        result[rows] -= basis @ (basis.T @ result[rows])
+        if own:
+            left_vectors, size, _ = np.linalg.svd(model.J[rows][:, own], full_matrices=False)
+            basis = left_vectors[:, size > 1e-9 * max(float(size.max()), 1e-300)]
+            result[rows] -= basis @ (basis.T @ result[rows])
     return result

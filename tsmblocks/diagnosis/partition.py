@@ -131,19 +131,15 @@ def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings
     problem, _ = pose_model(diagram, records, settings, settings.free)
     _, J = problem.jacobian(problem.unknowns.start)
     items, count = problem.unknowns.items, problem.experiments[0].measured.shape[1]
-    if not any(item.experiment for item in items):
-        return False
-    kept = []
-    for e in range(len(problem.experiments)):
+    kept = np.zeros(len(problem.experiments))
+    for e in range(len(kept)):
         own = [k for k in problem.unknowns.columns(e) if items[k].experiment]
-        shares = []
-        for i in range(count):
-            part = np.abs(J[problem.segments[e * count + i]][:, own])
+        for rows in problem.segments[e * count : (e + 1) * count]:
+            part = np.abs(J[rows][:, own])
             tenth = max(len(part) // 10, 1)
             first, last = part[:tenth].max(axis=0), part[-tenth:].mean(axis=0)
-            shares.append(float(np.max(np.where(first > 0, last / np.where(first > 0, first, 1.0), 0.0), initial=0.0)))
-        kept.append(max(shares, default=0.0))
-    return min(kept) > LASTING_MEMORY_SHARE
+            kept[e] = max(kept[e], np.max(last[first > 0] / first[first > 0], initial=0.0))
+    return bool(kept.min() > LASTING_MEMORY_SHARE)
 
 
 def total_delay(diagram: Diagram) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.partition import experiment_of
-from tsmblocks.diagnosis.residual_location import BIN_COUNT, binned, coordinates
+from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, binned, coordinates
 from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, Segment, Trace
 from tsmblocks.fitting.parameters import numbers, unknown
 from tsmblocks.model.diagram import Diagram
@@ -19,18 +19,6 @@ MIN_BIN_BLOCKS = 3
 """Time blocks of a bin from which the standard error of its mean is estimated. Chosen."""
 DARKEST = 4.0
 """Excess, in variances of the noise, at which a block of a strip is as dark as it gets. Chosen."""
-COORDINATE_UNITS = {
-    "position": "{}",
-    "direction": "",
-    "direction x position": "{}",
-    "speed": "{}/s",
-    "acceleration": "{}/s^2",
-    "distance since reversal": "{}",
-    "time since reversal": "s",
-    "session time": "s",
-    "experiment": "",
-}
-"""The unit of each coordinate, with that of the motion in the place of the braces."""
 
 
 def with_interval(q: Quantity) -> str:
@@ -160,7 +148,7 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     rows = [(x[b].mean(), *_mean(before[b], blocks[b]), *_mean(after[b], blocks[b]), explained[b].mean()) for b in bins]
     table = np.array(rows).T
     own = traces[0].unit if not len(traces[0].drive) else diagram.unit(traces[0].drive_name)
-    rate = COORDINATE_UNITS.get(coordinate, "")
+    rate, _ = COORDINATES[coordinate]
     unit = rate if "{}" not in rate else rate.format(own) if own else ""
     return Profile(coordinate, unit, traces[0].unit, *table)
 

@@ -22,17 +22,19 @@ REST_SPEED_SHARE = 0.02
 """Speed, as a share of its rms, below which a motion is at rest. Chosen: above numerical differentiation noise."""
 MIN_BIN_SAMPLES = 10
 """Samples of the other folds beyond which the mean of a bin is used. Chosen."""
-COORDINATE_TEXT = {
-    "position": "the error follows the position",
-    "direction": "the error has one sign forwards and the other backwards",
-    "direction x position": "the error grows with the position, with the sign of the direction",
-    "speed": "the error follows the speed",
-    "acceleration": "the error follows the acceleration",
-    "distance since reversal": "the error follows the distance since the last reversal, with the sign of the direction",
-    "time since reversal": "the error follows the time since the last reversal, with the sign of the direction",
-    "session time": "the error follows the session time",
-    "experiment": "the error differs from experiment to experiment",
+_SINCE = "since the last reversal, with the sign of the direction"
+COORDINATES = {
+    "position": ("{}", "the error follows the position"),
+    "direction": ("", "the error has one sign forwards and the other backwards"),
+    "direction x position": ("{}", "the error grows with the position, with the sign of the direction"),
+    "speed": ("{}/s", "the error follows the speed"),
+    "acceleration": ("{}/s^2", "the error follows the acceleration"),
+    "distance since reversal": ("{}", f"the error follows the distance {_SINCE}"),
+    "time since reversal": ("s", f"the error follows the time {_SINCE}"),
+    "session time": ("s", "the error follows the session time"),
+    "experiment": ("", "the error differs from experiment to experiment"),
 }
+"""The unit of each coordinate, with that of the motion in place of the braces, and what a dependence on it means."""
 
 
 def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.ndarray]:
@@ -43,8 +45,7 @@ def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.n
     side = np.where(still, 0.0, np.sign(v))
     moving = np.flatnonzero(side)
     if len(moving):  # at rest the direction of the last motion remains
-        last = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), -1))
-        side = np.where(last >= 0, side[np.maximum(last, 0)], side[moving[0]])
+        side = side[np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), moving[0]))]
     last_reversal = np.maximum.accumulate(np.where(np.diff(side, prepend=side[0]) != 0, np.arange(len(side)), 0))
     return {
         "position": x,
@@ -69,7 +70,7 @@ def residual_coordinates(
     if excess <= 0:
         return ()
     shares = {name: _share(r, binned(values, BIN_COUNT), blocks.fold, excess) for name, values in known.items()}
-    found = [ResidualCoordinate(name, min(share, 1.0), COORDINATE_TEXT[name]) for name, share in shares.items()]
+    found = [ResidualCoordinate(name, min(share, 1.0), COORDINATES[name][1]) for name, share in shares.items()]
     best = sorted(found, key=lambda one: -one.share)[:MAX_COORDINATES]
     return tuple(one for one in best if one.share >= MIN_COORDINATE_SHARE)
 
