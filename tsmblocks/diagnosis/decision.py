@@ -179,14 +179,16 @@ def decide(
     gains = np.array([base - one.losses for one in ranking])
     t, critical_value = t_statistics(gains, blocks), max_t_critical_value(gains, blocks, seed)
     before, best = mean_loss(base, blocks), ranking[0]
-    removed, concentrated = before - best.loss, CONCENTRATED_FACTOR * MIN_VARIANCE_REDUCTION * noise_variance
-    significant = t[0] > critical_value or (_concentrated(gains[0]) and removed >= concentrated)
+    removed, concentrated_size = before - best.loss, CONCENTRATED_FACTOR * MIN_VARIANCE_REDUCTION * noise_variance
+    significant = t[0] > critical_value or (_concentrated(gains[0]) and removed >= concentrated_size)
     if best.disqualifying_bounds or not _is_acceptable(removed, before, significant, noise_variance):
         return Verdict(tuple(ranking), tuple(t), critical_value)
-    largest = max(DISTINGUISHABLE_GAIN_SHARE * removed, INDISTINGUISHABLE_NOISE_SHARE * noise_variance)
+    largest_difference = max(DISTINGUISHABLE_GAIN_SHARE * removed, INDISTINGUISHABLE_NOISE_SHARE * noise_variance)
     tolerance = max(INDISTINGUISHABLE_NOISE_SHARE * noise_variance, INDISTINGUISHABLE_GAIN_SHARE * removed)
-    eligible = [one for one in ranking if not one.disqualifying_bounds and one.loss - best.loss < largest]
-    indistinguishable = [one for one in eligible if _is_indistinguishable(one, best, blocks, tolerance, concentrated)]
+    eligible = [one for one in ranking if not one.disqualifying_bounds and one.loss - best.loss < largest_difference]
+    indistinguishable = [
+        one for one in eligible if _is_indistinguishable(one, best, blocks, tolerance, concentrated_size)
+    ]
     close = [one for one in indistinguishable if before - one.loss >= SIMPLER_EFFECT_SHARE * removed]
     named = _simplest(min(close, key=lambda one: (one.parameter_count, one.loss)), ranking, before)
     special_case = named not in indistinguishable  # a more general form of it with the same loss adds nothing
@@ -259,15 +261,15 @@ def _concentrated(gain: np.ndarray) -> bool:
 
 
 def _is_indistinguishable(
-    one: FittedCandidate, best: FittedCandidate, blocks: TimeBlocks, tolerance: float, rare_threshold: float
+    one: FittedCandidate, best: FittedCandidate, blocks: TimeBlocks, tolerance: float, concentrated_size: float
 ) -> bool:
     """Whether the losses of two candidates do not differ: a difference below ``tolerance`` never counts, and one above
-    ``rare_threshold`` that is concentrated in a few blocks always does, whatever its t-statistic.
+    ``concentrated_size`` that is concentrated in a few blocks always does, whatever its t-statistic.
     """
     if one is best:
         return True
     difference = one.losses - best.losses
     worse = mean_loss(difference, blocks)
-    if _concentrated(difference) and worse >= rare_threshold:
+    if _concentrated(difference) and worse >= concentrated_size:
         return False
     return bool(t_statistics(difference[None, :], blocks)[0] < INDISTINGUISHABLE_T or worse < tolerance)

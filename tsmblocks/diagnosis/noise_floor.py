@@ -57,13 +57,13 @@ def noise_floors(
 
 def _estimated(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
     """The noise estimated from the recordings, and the method. Raises DataError where there is none."""
-    middle, method = noise_of_recordings(records, name, diagram.unit(name), diagram.inports)
-    if not middle > 0:
+    rms, method = noise_of_recordings(records, name, diagram.unit(name), diagram.inports)
+    if not rms > 0:
         raise DataError(
             f"no noise was found in {name}, so the residual has no scale. Give the noise "
             f"floor with its unit: noise_floor=…{diagram.unit(name)}."
         )
-    return middle, method
+    return rms, method
 
 
 def lowered_noise_floors(
@@ -87,14 +87,14 @@ def lowered_noise_floors(
                 f"so nothing can be found: is it in the right unit{meant}?"
             )
             continue
-        middle = fast_noise_of_recordings(records, name, unit)
-        if 0 < middle < sigma[name]:
-            taken = f"{in_display_units(middle, unit)} of fast noise is taken instead"
+        fast = fast_noise_of_recordings(records, name, unit)
+        if 0 < fast < sigma[name]:
+            taken = f"{in_display_units(fast, unit)} of fast noise is taken instead"
             more_notes.append(
                 f"the noise floor of {name} found in {method[name]} ({floor}) is above the residual of the base "
                 f"({rms} rms); {taken}."
             )
-            sigma[name], method[name] = middle, HIGH_FREQUENCIES
+            sigma[name], method[name] = fast, HIGH_FREQUENCIES
     return attrs.evolve(found, sigma=sigma, method=method), more_notes
 
 

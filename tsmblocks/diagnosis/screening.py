@@ -70,9 +70,8 @@ def base_subspace(model: Model) -> BaseSubspace:
 class ScreeningScore:
     """The screening of a candidate: ``gain`` is the predicted fall of the sum of squares [noise variances].
 
-    ``starts`` are the starting points of its fit, best first; ``z`` (N,) is the best change of the outputs, base
-    parameters projected out; ``detection_limit`` is the smallest detectable size of the first parameter, None where
-    these data do not excite the effect.
+    ``starts`` are the starting points of its fit, best first; ``detection_limit`` is the smallest detectable size of
+    the first parameter, None where these data do not excite the effect.
     """
 
     candidate: Candidate
@@ -80,25 +79,25 @@ class ScreeningScore:
     setup: Setup
     gain: float
     starts: tuple[np.ndarray, ...]
-    z: np.ndarray = attrs.field(repr=False)
     detection_limit: float | None = None
 
 
 @attrs.frozen(eq=False)
 class _ShapeTrial:
-    """One shape: the predicted fall of the sum of squares, and the unknowns there."""
+    """One shape: the predicted fall of the sum of squares, and the unknowns there.
+
+    ``output_change`` (N,) is the change of the outputs, ``sensitivity`` its sum of squares at the trial size with base
+    parameters projected out. ``exceeds_range`` is True where the trial size moves an output beyond its recorded range,
+    as a loop does that diverges. ``theta_base_fixed`` are the unknowns with the base parameters unchanged.
+    """
 
     gain: float
     theta: np.ndarray
     shape: Mapping[str, float]
     output_change: np.ndarray
-    """Change of the outputs (N,)."""
     sensitivity: float
-    """Sum of squares of the output change at the trial size, base parameters projected out."""
     exceeds_range: bool
-    """Whether the trial size moves an output beyond its recorded range, as a loop does that diverges."""
     theta_base_fixed: np.ndarray
-    """The unknowns with the base parameters unchanged."""
 
 
 def screening_score(
@@ -129,8 +128,7 @@ def screening_score(
     else:
         distinct = (one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
         starts = [_better_start(problem, one) for one in [best, *distinct][:2]]
-    z = base.project_out(best.output_change[:, None])[:, 0]
-    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), z, detection_limit)
+    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), detection_limit)
 
 
 def _detection_limit(candidate: Candidate, shape_trials: Sequence[_ShapeTrial], detectable: float) -> float | None:

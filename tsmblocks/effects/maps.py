@@ -21,13 +21,6 @@ ONE_HARMONIC, TWO_HARMONICS = ("cosine", "sine"), ("cosine", "sine", "cosine2", 
 """Names of the amplitudes of a ripple with one harmonic, and with two."""
 
 
-def _slack_trials(scales: Scales, side: str) -> Trials:
-    low, high, reach = scales.wire.low, scales.wire.high, scales.wire.reach
-    end, inwards = (low, reach) if side == "low" else (high, -reach)
-    edges = tuple({"edge": end + share * inwards} for share in (0.2, 0.5, 0.8, 1.1, 1.5))
-    return Trials({"share": 0.1}, edges, bounds={"edge": (low, high)})
-
-
 def _dead_zone_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     shapes = tuple({"low": -share * reach, "high": share * reach} for share in (0.01, 0.03, 0.1, 0.25))
@@ -92,11 +85,6 @@ def _cogging_trials(scales: Scales) -> Trials:
     return _ripple_trials(scales.other.reach, CURVATURE_SHARE * scales.wire.rms, ONE_HARMONIC).under("force")
 
 
-def _spring_trials(scales: Scales, part: str, other: str, power: int) -> Trials:
-    size = CURVATURE_SHARE * scales.wire.rms / max(scales.other.rms, 1e-300) ** power
-    return Trials({part: size}, fixed={other: 0.0})
-
-
 def _subtracted_force(title: str, law: Block) -> Diagram:
     """Drive ``u`` less the change that a block makes to motion ``x``; a gain of 1 converts between their units."""
     return Diagram(
@@ -108,20 +96,50 @@ def _subtracted_force(title: str, law: Block) -> Diagram:
     )
 
 
-SLACK = Effect(
-    "dead_zone",
-    "map",
-    "slack at the low end",
-    "output",
-    Slack(side="low"),
-    {"share": 0.0},
-    ("share", "edge"),
-    lambda scales: _slack_trials(scales, "low"),
-    excites="motion into the slack range",
-    confused=("even_nonlinearity", "position_ripple"),
-    separates="a slow ramp over the full range, at two pretensions",
-    variant="low",
-)
+def _slack(side: str) -> Effect:
+    def trials(scales: Scales) -> Trials:
+        low, high, reach = scales.wire.low, scales.wire.high, scales.wire.reach
+        end, inwards = (low, reach) if side == "low" else (high, -reach)
+        edges = tuple({"edge": end + share * inwards} for share in (0.2, 0.5, 0.8, 1.1, 1.5))
+        return Trials({"share": 0.1}, edges, bounds={"edge": (low, high)})
+
+    return Effect(
+        "dead_zone",
+        "map",
+        f"slack at the {side} end",
+        "output",
+        Slack(side=side),
+        {"share": 0.0},
+        ("share", "edge"),
+        trials,
+        excites="motion into the slack range",
+        confused=("even_nonlinearity", "position_ripple"),
+        separates="a slow ramp over the full range, at two pretensions",
+        variant=side,
+    )
+
+
+def _spring(name: str, words: str, part: str, other: str, power: int) -> Effect:
+    def trials(scales: Scales) -> Trials:
+        size = CURVATURE_SHARE * scales.wire.rms / max(scales.other.rms, 1e-300) ** power
+        return Trials({part: size}, fixed={other: 0.0})
+
+    return Effect(
+        name,
+        "map",
+        words,
+        "load",
+        _subtracted_force("spring", Bend()),
+        {part: 0.0},
+        (part,),
+        trials,
+        excites="large and small motion",
+        confused=("position_ripple", "saturation"),
+        separates="two amplitudes",
+        variant="spring",
+    )
+
+
 SATURATION = Effect(
     "saturation",
     "map",
@@ -149,20 +167,6 @@ ODD = Effect(
     confused=("saturation", "position_ripple"),
     separates="a slow ramp over the full range",
 )
-SPRING = Effect(
-    "even_nonlinearity",
-    "map",
-    "a spring that differs between the two sides",
-    "load",
-    _subtracted_force("spring", Bend()),
-    {"force.quadratic": 0.0},
-    ("force.quadratic",),
-    lambda scales: _spring_trials(scales, "force.quadratic", "force.cubic", 2),
-    excites="large and small motion",
-    confused=("position_ripple", "saturation"),
-    separates="two amplitudes",
-    variant="spring",
-)
 RIPPLE = Effect(
     "position_ripple",
     "map",
@@ -178,14 +182,8 @@ RIPPLE = Effect(
     within=("cycles",),
 )
 EFFECTS = (
-    SLACK,
-    attrs.evolve(
-        SLACK,
-        words="slack at the high end",
-        block=Slack(side="high"),
-        trials=lambda scales: _slack_trials(scales, "high"),
-        variant="high",
-    ),
+    _slack("low"),
+    _slack("high"),
     Effect(
         "dead_zone",
         "map",
@@ -233,15 +231,8 @@ EFFECTS = (
         trials=_bow_trials,
         variant="bow",
     ),
-    SPRING,
-    attrs.evolve(
-        SPRING,
-        name="odd_nonlinearity",
-        words="a cubic spring",
-        null={"force.cubic": 0.0},
-        free=("force.cubic",),
-        trials=lambda scales: _spring_trials(scales, "force.cubic", "force.quadratic", 3),
-    ),
+    _spring("even_nonlinearity", "a spring that differs between the two sides", "force.quadratic", "force.cubic", 2),
+    _spring("odd_nonlinearity", "a cubic spring", "force.cubic", "force.quadratic", 3),
     RIPPLE,
     attrs.evolve(
         RIPPLE,
