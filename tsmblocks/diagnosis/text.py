@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import textwrap
+from collections.abc import Sequence
 
 from tsmblocks.common.tables import WIDTH, columns, listed
 from tsmblocks.common.views import no_view
@@ -45,14 +46,17 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
         parts += [_gap_table(segment, gap) for gap in segment.gaps]
         parts += [*_residual_location(segment), *_ranking(segment)]
     parts += _added(diagnosis)
-    parts += [text for segment in diagnosis.segments for text in (*_parameters(segment), *_cautions(segment))]
+    parts += [
+        text
+        for segment in diagnosis.segments
+        for text in (*_parameters(segment), *_bullets("beware", segment.cautions))
+    ]
     parts += _script(diagnosis)
     parts += [text for segment in diagnosis.segments for text in _indistinguishable(segment)]
     parts += [_limits(segment, several) for segment in diagnosis.segments if segment.limits]
     parts += _consequence(diagnosis)
-    notes = merged_notes(diagnosis.notes, diagnosis.experiments)
-    notes.append(f"Seed {diagnosis.seed}; {STATUS[diagnosis.status]}.")
-    parts.append("\n".join(["notes:", *map(_bullet, notes)]))
+    status = f"Seed {diagnosis.seed}; {STATUS[diagnosis.status]}."
+    parts += _bullets("notes", [*merged_notes(diagnosis.notes, diagnosis.experiments), status])
     return "\n\n".join(parts)
 
 
@@ -84,10 +88,7 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
 
 
 def _residual_location(segment: Segment) -> list[str]:
-    if not segment.where:
-        return []
-    lines = [_bullet(f"{percent(w.share)} of the excess: {w.words}.") for w in segment.where]
-    return ["\n".join(["residual by coordinate:", *lines])]
+    return _bullets("residual by coordinate", [f"{percent(w.share)} of the excess: {w.words}." for w in segment.where])
 
 
 def _ranking(segment: Segment) -> list[str]:
@@ -135,14 +136,13 @@ def share_across_experiments(one: RankedCandidate, experiments: int) -> float:
 
 
 def _added(diagnosis: Diagnosis) -> list[str]:
-    if not diagnosis.effects:
-        return []
     parts = []
     for effect in diagnosis.effects:
         rows = [[name, with_interval(q)] for name, q in effect.parameters.items()]
         parts.append(f"{effect.block} ({effect.name}):\n{columns(rows, '  ', left=(0, 1))}")
-    lines = [f"{sign} {text}" for sign, text in difference(diagnosis.base, diagnosis.augmented).lines]
-    parts.append("\n".join(["changes to the diagram:", *lines]))
+    if parts:
+        lines = [f"{sign} {text}" for sign, text in difference(diagnosis.base, diagnosis.augmented).lines]
+        parts.append("\n".join(["changes to the diagram:", *lines]))
     return parts
 
 
@@ -160,10 +160,6 @@ def _parameters(segment: Segment) -> list[str]:
     return [f"parameters of the diagram, fitted with it:\n{columns(rows, left=(0, 4, 6))}"] if rows else []
 
 
-def _cautions(segment: Segment) -> list[str]:
-    return ["\n".join(["beware:", *map(_bullet, segment.cautions)])] if segment.cautions else []
-
-
 def initial_states_text(diagnosis: Diagnosis) -> str:
     """How the estimated initial states are used; empty where there are none."""
     if not any(diagnosis.start_states.values()):
@@ -177,21 +173,18 @@ def initial_states_text(diagnosis: Diagnosis) -> str:
 def _script(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.effects:
         return []
-    words = initial_states_text(diagnosis)
     lines = ["in a script:", *(f"  {line}".rstrip() for line in script_lines(diagnosis))]
-    return [*([_filled(words)] if words else []), "\n".join(lines)]
+    return [*filter(None, [_filled(initial_states_text(diagnosis))]), "\n".join(lines)]
 
 
 def _indistinguishable(segment: Segment) -> list[str]:
-    lines = [
-        _bullet(
-            f"{e.name} is indistinguishable from {listed(e.also_possible, 9)} with these data. To separate them: "
-            f"{e.separating_experiment or 'another experiment'}."
-        )
+    texts = [
+        f"{e.name} is indistinguishable from {listed(e.also_possible, 9)} with these data. To separate them: "
+        f"{e.separating_experiment or 'another experiment'}."
         for e in segment.effects
         if e.also_possible
     ]
-    return ["\n".join(["indistinguishable effects:", *lines])] if lines else []
+    return _bullets("indistinguishable effects", texts)
 
 
 def limit_text(one: DetectionLimit) -> str:
@@ -239,8 +232,9 @@ def _cut(text: str, most: int = MAX_NAME_LENGTH) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
-def _bullet(text: str) -> str:
-    return _filled(text, "- ", "  ")
+def _bullets(title: str, texts: Sequence[str]) -> list[str]:
+    """A title with a list below it; nothing where there is nothing to list."""
+    return ["\n".join([f"{title}:", *(_filled(text, "- ", "  ") for text in texts)])] if texts else []
 
 
 def _filled(text: str, first: str = "", others: str = "") -> str:
