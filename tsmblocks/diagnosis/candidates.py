@@ -165,9 +165,7 @@ def candidates(
 
 
 def _trials(effect: Effect, scales: Scales) -> Trials | None:
-    """The trial values of an effect; None where the data do not excite it, as signals at rest do (but for effects of
-    time).
-    """
+    """The trial values of an effect; None where signals at rest do not excite it (but for effects of time)."""
     if all(one.reach > REST_HALF_RANGE and one.fastest > 0 for one in (scales.wire, scales.other)):
         return effect.trials(scales)
     trials = effect.trials(scales) if effect.family == "time" else None

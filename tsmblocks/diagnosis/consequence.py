@@ -17,8 +17,7 @@ from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.simulation.simulate import simulate
 
 LOOP_GAIN_PER_STEP = 0.25
-"""Gain of the loop around a model times its step. Chosen: critically damped with the lag, and as fast as the step
-allows."""
+"""Gain of the loop around a model times its step. Chosen: critically damped with the lag, the fastest for the step."""
 SETTLING_SHARE = 0.1
 """Share of a motion, from its start, without error count. Chosen: the loop settles in it."""
 LOOP_SUBSTEPS = (80, 40, 20, 10, 5)
@@ -90,9 +89,7 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
 def _errors(
     model: Diagram | None, plant: Diagram, inlet: str, outlet: str, t: np.ndarray, wanted: np.ndarray, step: float
 ) -> Errors:
-    """Peak-to-peak and rms tracking error of a plant behind the compensator built on a model; infinite where the loop
-    diverges.
-    """
+    """Peak-to-peak and rms tracking error of a plant behind a model's compensator; infinite if the loop diverges."""
     blocks, wires, ports = {"plant": plant}, [], [f"plant.{inlet}"]
     if model is not None:
         blocks["compensator"] = inverse(model, inlet, outlet, gain=LOOP_GAIN_PER_STEP / step, start=float(wanted[0]))

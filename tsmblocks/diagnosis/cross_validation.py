@@ -15,8 +15,7 @@ gave sets of indistinguishable effects with 1.2 to 3.6 members, and 8 blocks use
 MIN_BLOCK_SAMPLES = 40
 """Samples of a time block at least. Chosen: a block must be longer than the autocorrelation of the noise."""
 FOLD_COUNT = 10
-"""Cross-validation folds. Source: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning (2009), 7.10,
-recommend five or ten."""
+"""Cross-validation folds. Source: Hastie et al., The Elements of Statistical Learning (2009), 7.10: five or ten."""
 REGULARIZATION = 1e-7
 """Ridge on the scaled normal equations (their diagonal is 1), for directions that only the held-out fold determines.
 Chosen: far above rounding, far below the weight of the data."""

@@ -15,14 +15,12 @@ MIN_VARIANCE_REDUCTION = 0.06
 """Fall of the held-out loss [noise variances] below which no effect is named. Calibrated on tests/benchmarks/hidden.py
 (0.10 in the prototype): significance alone names effects in any long recording."""
 MIN_INPUT_NOISE_SHARE = 0.5
-"""Share of the variance that the noise of measured inputs causes that an effect has to remove at least. Calibrated on
-tests/benchmarks/hidden.py."""
+"""Least share of the variance due to input noise that an effect removes. Calibrated on tests/benchmarks/hidden.py."""
 CONCENTRATED_FACTOR = 3.0
 """How many times ``MIN_VARIANCE_REDUCTION`` an effect has to remove that acts in a few blocks only, where a t-statistic
 has no power. Calibrated on tests/benchmarks/hidden.py."""
 CONCENTRATED_SCATTERS = 10.0
-"""Largest gain of a block, in scatters of the blocks, from which gains are concentrated. Chosen: far beyond a normal
-tail."""
+"""Largest gain of a block [scatters of the blocks] from which gains are concentrated. Chosen: beyond a normal tail."""
 CONCENTRATED_RATIO = 5.0
 """How many times the largest loss of a block the largest gain has to be as well. Chosen: noise does both alike."""
 MIN_SCATTER = 0.02
@@ -30,11 +28,9 @@ MIN_SCATTER = 0.02
 MAD_TO_STANDARD_DEVIATION = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution. Source: 1 / Phi^-1(3/4)."""
 MIN_EXCESS = 0.05
-"""Excess of the loss over the noise [noise variances] below which no effect is named. Chosen: the noise floor is no
-more accurate."""
+"""Excess of the loss over the noise [noise variances] below which no effect is named. Chosen: accuracy of a floor."""
 BOUND_TOLERANCE = 1e-3
-"""Distance from a bound, relative to its magnitude, within which a parameter is reported at it. Chosen: below any
-interval."""
+"""Relative distance from a bound within which a parameter is reported at it. Chosen: below any interval."""
 MAX_FINITE_NULL = 1e9
 """Magnitude from which a null value counts as infinite (a limit that never acts), in the parameter's unit. Chosen."""
 OUT_OF_BOUNDS_MARGIN = 0.1
@@ -49,8 +45,7 @@ and MacKinnon, Econometric Reviews 19, 2000, 55-68)."""
 SIGNIFICANCE_LEVEL = 0.05
 """Probability that any candidate exceeds the critical value by chance. Source: convention."""
 INDISTINGUISHABLE_T = 2.0
-"""Paired t-statistic of two losses below which two candidates are indistinguishable. Source: 95 % of a normal
-distribution."""
+"""Paired t-statistic of two losses below which two candidates are indistinguishable. Source: 95 %, normal."""
 INDISTINGUISHABLE_NOISE_SHARE = 0.01
 """Difference of two losses [noise variances] below which candidates are indistinguishable, whatever its t. Calibrated
 on tests/benchmarks/hidden.py (0.02 in the prototype)."""

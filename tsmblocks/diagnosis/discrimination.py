@@ -22,8 +22,7 @@ from tsmblocks.effects import Span, span_of
 from tsmblocks.fitting.parameters import Unknowns
 
 EXPERIMENT_SAMPLES = 2500
-"""Samples of a proposed experiment, at the sampling step of the recordings. Chosen: the length of the paper's
-experiments."""
+"""Samples of a proposed experiment, at the sampling step of the recordings. Chosen: as in the paper."""
 MIN_SAMPLES_PER_PERIOD = 20
 """Samples of the fastest oscillation proposed, at least. Chosen: the simulation is accurate there."""
 SMALL_AMPLITUDE = 0.1

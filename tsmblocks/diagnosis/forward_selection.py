@@ -31,8 +31,7 @@ from tsmblocks.effects import Effect
 MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 MIN_FITTED_CANDIDATES = 3
-"""Candidates fitted in a round at least, where there are so many. Chosen: the screening score is only a first-order
-one."""
+"""Candidates fitted in a round at least, where there are so many. Chosen: screening is of first order only."""
 MAX_FITTED_CANDIDATES = 14
 """Candidates fitted in a round at most. Chosen: for the run time."""
 MIN_SCREENING_SCORE = 0.02
@@ -41,8 +40,7 @@ needed for a name, since screening is of first order only."""
 MIN_RELATIVE_SCORE = 0.15
 """Share of the best screening score from which a candidate is fitted. Chosen: for the run time."""
 MEMORY_SEARCH_RATIO = 2.0
-"""Mean square, in those of the best candidate, up to which the initial states of memories are searched again. Chosen:
-for the run time."""
+"""Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
 MIN_EXCESS_SHARE = 0.5
 """Share of the excess that an effect has to remove. Source: set on the development seeds of the method's prototype."""
 MIN_JOINT_SHARE = 0.8

@@ -24,11 +24,9 @@ from tsmblocks.simulation.compiled import equations
 STARTING_POINTS = 6
 """Starting points of the fit of a base. Chosen: for the run time."""
 MAX_ITERATIONS = 40
-"""Gauss-Newton iterations of one optimisation at most. Chosen: an effect that needs more is not identifiable with these
-data."""
+"""Gauss-Newton iterations of one optimisation at most. Chosen: an effect that needs more is not identifiable."""
 ACTIVE_BOUND_TOLERANCE = 1e-6
-"""Distance from a bound, relative to the parameter's magnitude, within which the bound is active. Chosen: above
-rounding, below any step."""
+"""Distance from a bound, relative to the parameter, within which it is active. Chosen: above rounding, below steps."""
 COARSE_TOLERANCE = 0.3
 """Predicted fall of the sum of squares [noise variances] at which the optimisation of a candidate ends. Chosen: below a
 thousandth of what decides between candidates."""

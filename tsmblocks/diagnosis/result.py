@@ -59,8 +59,7 @@ class NamedEffect:
 
 @attrs.frozen
 class RankedCandidate:
-    """A candidate: its reduction of the held-out loss [noise variances], its t-statistic and the critical value
-    ``line``.
+    """A candidate: its reduction of the held-out loss [noise variances], t-statistic and critical value ``line``.
 
     ``round`` counts from 1; ``gain`` is the predicted reduction where a candidate was screened out (``fitted`` False).
     ``share`` is the gain over the error above the noise floor; ``across`` and ``new`` are gain and share with whole

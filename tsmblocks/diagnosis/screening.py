@@ -25,21 +25,17 @@ REFINEMENT_SHAPES = 12
 REFINEMENT_ROUNDS = 3
 """Refinements of the grid. Chosen: each narrows it to a thirteenth, so three reach the samples."""
 PINNING_WIDTHS = 10.0
-"""Half width, in transition times, of the bounds that a refined instant is then fitted within. Chosen: derivatives lead
-no farther."""
+"""Half width [transition times] of the bounds of a refined instant in its fit. Chosen: derivatives lead no farther."""
 SECOND_START_TRIALS = 8
 """Next best shapes among which a second starting point is selected. Chosen."""
 MAX_SQUARED_CORRELATION = 0.8
 """Squared correlation of two output changes below which two shapes are different starting points. Chosen."""
 DIVERGENCE_THRESHOLD = 1e30
-"""Change of an output [rms noise] from which a simulation counts as diverged. Chosen: far from both data and
-overflow."""
+"""Change of an output [rms noise] from which a simulation has diverged. Chosen: far from both data and overflow."""
 MAX_SIZE_FACTOR = 40.0
-"""Size of an effect at the start of its fit, in those of its trial, at most. Chosen: beyond it a linear prediction
-fails."""
+"""Largest size of an effect at the start of its fit [trial sizes]. Chosen: beyond it a linear prediction fails."""
 MAX_EXTRAPOLATION = 4.0
-"""The same for effects whose size is part of the shape. Chosen: the distance between neighbouring shapes of the
-grids."""
+"""The same for effects whose size is part of the shape. Chosen: the distance of neighbouring shapes."""
 
 
 @attrs.frozen(eq=False)
@@ -148,9 +144,7 @@ def _detection_limit(candidate: Candidate, shape_trials: Sequence[_ShapeTrial], 
 
 
 def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
-    """The unknowns with the base parameters, the effect at its null and its states at the initial values of the
-    wire.
-    """
+    """The unknowns with the base parameters, the effect at its null, its states at the initial values of the wire."""
     known, first, settled = model.values, wires.initial_values(candidate.site.signal), candidate.initialised_states
     theta = problem.unknowns.start.copy()
     for k, item in enumerate(problem.unknowns.items):

@@ -25,14 +25,12 @@ from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.model.diagram import Diagram
 
 UNKNOWN_EXCESS = 0.2
-"""Excess [noise variances] from which the verdict is "unknown" where no effect is named. Source: set on the development
-seeds of the method's prototype."""
+"""Excess [noise variances] from which the verdict is "unknown". Source: set on the prototype's development seeds."""
 MIN_PREDICTABLE_SHARE = 0.3
 """Share of the excess that coordinates must predict for that verdict where only fast noise could be estimated. Chosen:
 slow noise is not predictable by any coordinate."""
 CERTAIN_EXCESS = 5.0
-"""Excess [noise variances] from which that verdict holds however the floor was estimated. Chosen: estimates are never
-that wrong."""
+"""Excess [noise variances] from which that verdict holds for any floor. Chosen: estimates are never that wrong."""
 INPUT_NOISE_THRESHOLD = 1e-3
 """Variance caused by input noise [output noise variances] from which it is reported. Chosen: below three digits."""
 

@@ -28,8 +28,7 @@ def catalogue() -> tuple[Effect, ...]:
 def register(effect: Effect) -> Effect:
     """Add an effect to the catalogue.
 
-    Where its block has been redefined (in a notebook, or a reloaded module), the effect replaces that of the earlier
-    block.
+    Where its block has been redefined (in a notebook, or a reloaded module), it replaces the effect of the earlier one.
 
     Parameters
     ----------

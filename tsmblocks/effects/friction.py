@@ -12,8 +12,7 @@ from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
 SMOOTHING_SHARE = 0.02
-"""Speed over which the sign of a dry friction changes, as a share of the rms speed. Chosen: too small to matter, large
-enough for the step of the simulation."""
+"""Speed over which dry friction changes sign [rms speed]. Chosen: too small to matter, large enough for the step."""
 FRICTION_SHARE = 0.05
 """Trial friction, as a share of the rms drive. Chosen."""
 

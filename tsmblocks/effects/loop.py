@@ -8,8 +8,7 @@ from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDepend
 from tsmblocks.effects.effect import Effect, Scales, Trials, across
 
 PLAY_WIDTHS = (0.04, 0.15, 0.45)
-"""Starting half widths of the plays of a nonlocal memory, as shares of half the range. Chosen: a factor of three
-apart."""
+"""Starting half widths of the plays of a nonlocal memory [half the range]. Chosen: a factor of three apart."""
 _PLAYS = NonlocalMemory(weights=(0.0,) * len(PLAY_WIDTHS), radii=PLAY_WIDTHS)
 _WEIGHTS, _RADII = (tuple(f"{name}[{k}]" for k in range(len(PLAY_WIDTHS))) for name in ("weights", "radii"))
 
