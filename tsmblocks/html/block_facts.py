@@ -9,18 +9,9 @@ from typing import Any
 
 FAMILIES = {"lti": "linear"}
 """Module -> family of its blocks, where that is the name of another module."""
-ORDER = [
-    "sources",
-    "arithmetic",
-    "linear",
-    "limits",
-    "friction",
-    "hysteresis",
-    "control",
-    "motor",
-    "discrete",
-    "sensors",
-]
+ORDER = ["sources", "arithmetic", "linear", "limits", "friction"]
+ORDER += ["hysteresis", "control", "motor", "discrete", "sensors"]
+"""Families that are listed first."""
 
 
 def family(cls: type) -> str:
@@ -30,7 +21,7 @@ def family(cls: type) -> str:
 
 
 def by_family(registry: Mapping[str, type]) -> dict[str, dict[str, type]]:
-    """Blocks by family and name; the families from sources to sensors, then those of other modules."""
+    """Blocks by family and name."""
     families: dict[str, dict[str, type]] = {}
     for name, cls in sorted(registry.items()):
         families.setdefault(family(cls), {})[name] = cls
@@ -39,21 +30,17 @@ def by_family(registry: Mapping[str, type]) -> dict[str, dict[str, type]]:
 
 def words(cls: type) -> tuple[str, str, str]:
     """First sentence, equation and remarks of a block's docstring."""
-    sentence, equations, remarks = "", list[str](), list[str]()
-    parts = inspect.cleandoc(cls.__doc__ or "").split("\n\n")
-    in_math = False
-    for part in parts:
-        if part.startswith(".. math::"):
-            in_math = True
-            body = textwrap.dedent(part.removeprefix(".. math::").strip("\n ")).strip()
-            equations += [body] if body else []
-        elif in_math and part.startswith("    "):
+    texts, equations, in_math = list[str](), list[str](), False
+    for part in inspect.cleandoc(cls.__doc__ or "").split("\n\n"):
+        begins = part.startswith(".. math::")
+        in_math = begins or (in_math and part.startswith("    "))
+        if begins:
+            equations.append(part.removeprefix(".. math::").strip())
+        elif in_math:
             equations.append(textwrap.dedent(part).strip())
         else:
-            in_math = False
-            text = " ".join(part.split())
-            sentence, remarks = (sentence, [*remarks, text]) if sentence else (text, remarks)
-    return sentence, " \\\\\n".join(equations), "\n".join(remarks)
+            texts.append(" ".join(part.split()))
+    return texts[0] if texts else "", " \\\\\n".join(filter(None, equations)), "\n".join(texts[1:])
 
 
 def card(cls: Any) -> dict[str, Any]:
@@ -73,17 +60,8 @@ def card(cls: Any) -> dict[str, Any]:
         "inputs": [{"name": k, "unit": p.unit, "about": p.about, "rate_of": p.rate_of} for k, p in ports],
         "outputs": [{"name": k, "unit": p.unit, "about": p.about} for k, p in block.outports.items()],
         "parameters": [
-            {
-                "name": k,
-                "kind": f.kind,
-                "default": getattr(block, k),
-                "unit": f.unit,
-                "bounds": f.bounds(),
-                "low": f.low,
-                "high": f.high,
-                "choices": list(f.choices),
-                "about": f.about,
-            }
+            {"name": k, "kind": f.kind, "default": getattr(block, k), "unit": f.unit, "bounds": f.bounds()}
+            | {"low": f.low, "high": f.high, "choices": list(f.choices), "about": f.about}
             for k, f in cls.fields().items()
         ],
     }

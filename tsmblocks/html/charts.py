@@ -12,8 +12,6 @@ import attrs
 import numpy as np
 from markupsafe import Markup
 
-from tsmblocks.draw.picture import fitted, text_width
-
 WIDTH = 360
 """Width of a chart, which is that of a phone; on wider screens charts stand beside each other."""
 LEFT, RIGHT = 46, WIDTH - 10
@@ -177,16 +175,6 @@ def text(x: float, y: float, words: str, anchor: str = "start", kind: str = "") 
     where = "" if anchor == "start" else f' text-anchor="{anchor}"'
     own = f' class="{kind}"' if kind else ""
     return f'<text{own} x="{_n(x)}" y="{_n(y)}"{where}>{escape(words, quote=False)}</text>'
-
-
-def cut(words: str, width: float) -> str:
-    """A text no wider than ``width`` pixels."""
-    return fitted(words, TEXT, width)
-
-
-def width_of(words: str) -> float:
-    """How wide a text is at most."""
-    return text_width(words, TEXT)
 
 
 def thinned(t: np.ndarray, y: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

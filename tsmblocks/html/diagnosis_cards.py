@@ -25,24 +25,16 @@ def diagnosis_card(diagnosis: Diagnosis) -> str:
         part("verdict", s.verdict, WORDS.get(s.verdict, s.verdict), verdict_sentence(s))
         for s in segments_by_verdict(diagnosis)
     ]
-    effects = [
-        (
-            e.name,
-            e.wire.strip(),
-            "; ".join(f"{k} {with_interval(q)}" for k, q in e.parameters.items()),
-            percent(e.share_removed),
-            ", ".join(e.also_possible),
-        )
-        for e in diagnosis.effects
-    ]
-    head = ("effect", "insertion point", "parameters", "removes", "indistinguishable from")
-    named = table_of([head, *effects], {0, 1, 2, 4}) if effects else ""
+    table = [("effect", "insertion point", "parameters", "removes", "indistinguishable from")]
+    for e in diagnosis.effects:
+        parameters = "; ".join(f"{k} {with_interval(q)}" for k, q in e.parameters.items())
+        table.append((e.name, e.wire.strip(), parameters, percent(e.share_removed), ", ".join(e.also_possible)))
     gaps = [gap_bars(s, g) for s in diagnosis.segments for g in s.gaps][:MOST_CHARTS]
-    colours = [
-        ("before", "before"),
-        ("after", "with all reported effects"),
-        ("hollow", "hollow: on the data it was fitted to"),
-    ]
+    colours = {
+        "before": "before",
+        "after": "with all reported effects" if diagnosis.effects else "",
+        "hollow": "hollow: on the data it was fitted to",
+    }
     stopped = "" if diagnosis.status == "done" else f"; {STATUS.get(diagnosis.status, diagnosis.status)}"
     count = len(diagnosis.experiments)
     about = f"{count} experiment{'s' if count > 1 else ''}: {few(diagnosis.experiments)}{stopped}"
@@ -50,8 +42,8 @@ def diagnosis_card(diagnosis: Diagnosis) -> str:
         f"Diagnosis: {diagnosis.diagram or 'diagram'}",
         about,
         *boxes,
-        named,
-        part("key", colours if effects else colours[::2]),
+        table_of(table, {0, 1, 2, 4}) if diagnosis.effects else "",
+        part("key", [one for one in colours.items() if one[1]]),
         part("charts", gaps),
         listed(["diagnosis.save(folder) writes the whole report."]),
     )

@@ -9,8 +9,9 @@ from tsmblocks.data import heading
 from tsmblocks.diagnosis.presentation import Profile, darkness, digits, display_unit, gap_rows, strips
 from tsmblocks.diagnosis.result import Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
+from tsmblocks.draw.picture import fitted, text_width
 from tsmblocks.html import charts
-from tsmblocks.html.charts import LEFT, RIGHT, Frame, ends
+from tsmblocks.html.charts import LEFT, RIGHT, TEXT, Frame, ends
 from tsmblocks.model.diagram import Diagram
 
 BAR, SPACE = 9, 9
@@ -28,7 +29,7 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
     """Rms error of each experiment on validation data before and after each effect; hollow bars: on fitted data."""
     k, unit = display_unit(gap.unit)
     rows, count = gap_rows(segment, gap), len(gap.held_out)
-    names = min(max(charts.width_of(name) for name, _, _ in rows) + 8, 112)
+    names = min(max(text_width(name, TEXT) for name, _, _ in rows) + 8, 112)
     tall = count * BAR + SPACE
     top, bottom = 24.0, 24.0 + tall * len(rows)
     largest = max(max(*values, *train) for _, values, train in rows)
@@ -36,7 +37,7 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
     parts = [charts.x_axis(frame, heading(f"rms of {gap.output}", unit))]
     for place, (name, values, train) in enumerate(rows):
         y, kind = top + tall * place + SPACE / 2, "" if place else "strong"
-        parts.append(charts.text(names - 6, y + count * BAR / 2 + 4, charts.cut(name, names - 8), "end", kind))
+        parts.append(charts.text(names - 6, y + count * BAR / 2 + 4, fitted(name, TEXT, names - 8), "end", kind))
         parts += _bars(frame, y, k, values, train)
     x = frame.across(k * gap.noise_floor)
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from html import escape
+from itertools import cycle
 from typing import Any
 
 ALIGNED = re.compile(r"\\begin\{(aligned|split|gathered)\}|\\end\{(aligned|split|gathered)\}")
@@ -16,7 +17,7 @@ BRACE = re.compile(r'<mo[^>]*>(?:\{|&#x0007B;)</mo>\s*<mtable(?: class="[^"]*")?
 
 def mathml(latex: str, *, block: bool = False) -> str:
     r"""A formula as a ``<math>`` element; rows end with ``\\`` and are aligned at ``&``."""
-    rows = [_cells(row) for row in _split(ALIGNED.sub("", latex).strip(), r"\\")]
+    rows = [_split(row.strip(), "&") for row in _split(ALIGNED.sub("", latex).strip(), r"\\")]
     if len(rows) == 1 and len(rows[0]) == 1:
         inner = _converted(rows[0][0])
     else:
@@ -29,16 +30,9 @@ def mathml(latex: str, *, block: bool = False) -> str:
 
 
 def _row(cells: list[str]) -> str:
-    sides = [("right", "left")[k % 2] for k in range(len(cells))] if len(cells) > 1 else ["left"]
-    return (
-        "<mtr>"
-        + "".join(f'<mtd class="{side}">{_converted(cell)}</mtd>' for side, cell in zip(sides, cells, strict=True))
-        + "</mtr>"
-    )
-
-
-def _cells(row: str) -> list[str]:
-    return _split(row.strip(), "&")
+    sides = cycle(("right", "left")) if len(cells) > 1 else ("left",)
+    columns = (f'<mtd class="{side}">{_converted(cell)}</mtd>' for side, cell in zip(sides, cells, strict=False))
+    return f"<mtr>{''.join(columns)}</mtr>"
 
 
 def _split(latex: str, mark: str) -> list[str]:

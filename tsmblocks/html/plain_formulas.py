@@ -27,26 +27,15 @@ SINGLE = re.compile(rf"[\w.'{HAT}]*(?:\([^()]*\))?")
 
 def plain(latex: str) -> str:
     r"""A formula as text, such as ``ζ' = A v - ϑ |v| ζ``; a rate has a prime, ``\\`` ends a line."""
-    whole = CASES.sub(_cases, latex)
-    lines = (_read(TOKEN.findall(line.replace("&", ""))) for line in re.split(r"\\\\", whole))
-    return "\n".join(_spaced(line) for line in lines)
+    lines = CASES.sub(_cases, latex).replace("&", "").split(r"\\")
+    texts = (re.sub(r"\s+", " ", _read(TOKEN.findall(line))) for line in lines)
+    return "\n".join(re.sub(r" *\0 *", "   ", text).strip() for text in texts)  # a gap is three blanks wide
 
 
 def _cases(cases: re.Match[str]) -> str:
     """Cases on one line, each with its condition."""
-    rows = [row.split("&") for row in re.split(r"\\\\", cases[1].strip())]
-    return (
-        r"\{"
-        + "; ".join(" if ".join(part.strip() for part in row) for row in rows).replace(
-            r"if \text{otherwise}", "otherwise"
-        )
-        + r"\}"
-    )
-
-
-def _spaced(line: str) -> str:
-    """Three blanks between two equations of a line, one elsewhere."""
-    return re.sub(r" *\0 *", "   ", re.sub(r"\s+", " ", line)).strip()
+    rows = (" if ".join(map(str.strip, row.split("&"))) for row in cases[1].strip().split(r"\\"))
+    return r"\{" + "; ".join(rows).replace(r"if \text{otherwise}", "otherwise") + r"\}"
 
 
 def _read(tokens: list[str]) -> str:

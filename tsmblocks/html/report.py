@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 from markupsafe import Markup
@@ -59,10 +59,8 @@ def page(diagnosis: Diagnosis) -> str:
         in_order=segments_by_verdict(diagnosis),
         several=len(segments) > 1,
         status=STATUS.get(diagnosis.status, diagnosis.status),
-        gaps={
-            "shown": [_gap(s, g) for s in segments for g in s.gaps],
-            "between": any(len(s.effects) > 1 for s in segments),
-        },
+        gaps=[_gap(s, g) for s in segments for g in s.gaps],
+        between=any(len(s.effects) > 1 for s in segments),
         disagreement=lambda segment: _disagreement(diagnosis, segment),
         darkest=f"{DARKEST:g}",
         rounds=[one for s in segments for one in _rounds(s, len(diagnosis.experiments))],
@@ -188,11 +186,8 @@ def _own_numbers(segment: Segment) -> dict[str, Any]:
 
 def _limits(segment: Segment) -> dict[str, Any]:
     ordered = sorted(segment.limits, key=lambda m: m.value is None)
-    return {
-        "segment": segment.name,
-        "rows": [(m.name, limit_text(m), m.excites) for m in ordered],
-        "kinds": ["blind" if m.value is None else "" for m in ordered],
-    }
+    rows = [(m.name, limit_text(m), m.excites) for m in ordered]
+    return {"segment": segment.name, "rows": rows, "kinds": ["blind" if m.value is None else "" for m in ordered]}
 
 
 def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:
@@ -200,21 +195,18 @@ def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if tracking is None:
         return None
     k, unit = display_unit(tracking.unit)
-    runs = {
-        "no compensation": tracking.none,
-        "compensator on the base model": tracking.base,
-        "compensator on the new model": tracking.augmented,
-    }
-    rows = [(words, digits(k * peak), digits(k * rms)) for words, (peak, rms) in runs.items()]
+    names = ("no compensation", "compensator on the base model", "compensator on the new model")
+    runs = zip(names, (tracking.none, tracking.base, tracking.augmented), strict=True)
+    rows = [(name, digits(k * peak), digits(k * rms)) for name, (peak, rms) in runs]
     return {"reference": tracking.reference, "unit": unit, "rows": rows, "words": tracking.words}
 
 
-def _origin(diagnosis: Diagnosis) -> Sequence[tuple[str, str]]:
+def _origin(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """Version, diagram, recordings and options."""
     provenance = diagnosis.provenance
     if provenance is None:
-        return ()
+        return []
     diagram = ", ".join(filter(None, [provenance.source, diagnosis.first.title]))
-    rows = [("tsmblocks", provenance.version), ("diagram", diagram)]
-    rows += [(one.experiment, one.words) for one in provenance.recordings] + list(provenance.options.items())
-    return [(name, sentence(words)) for name, words in rows]
+    rows = {"tsmblocks": provenance.version, "diagram": diagram}
+    recordings = [(one.experiment, one.words) for one in provenance.recordings]
+    return [(name, sentence(words)) for name, words in (*rows.items(), *recordings, *provenance.options.items())]

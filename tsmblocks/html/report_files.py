@@ -19,10 +19,7 @@ FILES = (".html", ".htm", ".json", ".toml", ".pdf", ".txt", ".md", ".csv")
 
 
 def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
-    """Write ``diagnosis.json``, ``augmented.toml`` and ``report.html`` into a folder, which is made; return its path.
-
-    Raises TsmError where the folder is a file, or has the name of one.
-    """
+    """Write the files of ``NAMES`` into a folder, which is made; return its path. Raises as ``folder_for`` does."""
     place = folder_for(folder)
     place.mkdir(parents=True, exist_ok=True)
     (place / NAMES[0]).write_text(diagnosis.to_json(), encoding="utf-8", newline="\n")
@@ -34,14 +31,11 @@ def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
 def folder_for(named: str | Path) -> Path:
     """The folder that a diagnosis is written into. Raises TsmError where it is a file, or has the name of one."""
     place = Path(named)
-    if place.is_dir():
-        return place
-    if place.exists():
-        raise TsmError(f"'{place}' is a file; name a folder for {listed(NAMES)}.")
-    if place.suffix.lower() in FILES:
-        raise TsmError(
-            f"'{place}' is the name of a file; name a folder for {listed(NAMES)}, such as '{place.with_suffix('')}'."
-        )
+    wanted = f"name a folder for {listed(NAMES)}"
+    if place.is_file():
+        raise TsmError(f"'{place}' is a file; {wanted}.")
+    if not place.exists() and place.suffix.lower() in FILES:
+        raise TsmError(f"'{place}' is the name of a file; {wanted}, such as '{place.with_suffix('')}'.")
     return place
 
 
