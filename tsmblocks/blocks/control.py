@@ -98,8 +98,7 @@ class PID(Block):
 
     .. math:: y = k_P e + k_I \int e\,dt + k_D \frac{s}{1 + \tau s}\, e
 
-    The pure derivative of (15) is not proper, so it is filtered. Keep ``tau`` above about 0.36
-    of the engine's step.
+    The pure derivative of (15) is not proper, so it is filtered. Keep ``tau`` above about 0.36 of the engine's step.
     """
 
     source = "Paper, Eq (15); gains of section 6"
@@ -160,16 +159,16 @@ class PIDController(Block):
     def _rate(self, x: Any, u: Any) -> Any:
         return (self.c * u.r - u.ym - x.smooth) / self.tau
 
-    def _wanted(self, x: Any, u: Any) -> Any:
+    def _unlimited(self, x: Any, u: Any) -> Any:
         return self.kp * (self.b * u.r - u.ym) + x.integral + self.kd * self._rate(x, u)
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        wanted = self._wanted(x, u)
-        excess = limited(self, wanted) - wanted
+        unlimited = self._unlimited(x, u)
+        excess = limited(self, unlimited) - unlimited
         return dict(integral=self.ki * (u.r - u.ym) + self.kaw * excess, smooth=self._rate(x, u))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(u=limited(self, self._wanted(x, u)))
+        return dict(u=limited(self, self._unlimited(x, u)))
 
 
 @block

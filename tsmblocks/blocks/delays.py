@@ -91,11 +91,10 @@ class DeadTime(Block):
 
     .. math:: y(t) = u(t - T)
 
-    It runs along the cubic through four instants, of which the present is one where T is less than a
-    step; so at T = 0 the signal passes bit for bit, and the output has its slope in T there as anywhere.
-    Unlike Delay it passes its input on at the same instant, breaks no algebraic loop, and draws the jumps of samples
-    out over a step. Before the start, ``start="first"`` holds the first value of the input and ``start="value"`` the
-    number ``initial``.
+    It runs along the cubic through four instants, of which the present is one where T is less than a step; so at T = 0
+    the signal passes bit for bit, and the output has its slope in T there as anywhere. Unlike Delay it passes its input
+    on at the same instant, breaks no algebraic loop, and draws the jumps of samples out over a step. Before the start,
+    ``start="first"`` holds the first value of the input and ``start="value"`` the number ``initial``.
     """
 
     source = "definition"

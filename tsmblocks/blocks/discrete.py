@@ -143,8 +143,7 @@ class DiscretePID(Block):
         w_k &= k_P e_k + i_k + d_k, \qquad y_k = \min(\max(w_k, y_{low}), y_{high}), \qquad
         I_k = i_k + k_{aw} T (y_k - w_k)
 
-    With :math:`\tau = 0` the derivative is the plain difference quotient. Keep
-    :math:`k_{aw} T` below 1.
+    With :math:`\tau = 0` the derivative is the plain difference quotient. Keep :math:`k_{aw} T` below 1.
     """
 
     source = "Åström and Hägglund, PID Controllers (1995), section 3.6"
@@ -175,8 +174,8 @@ class DiscretePID(Block):
         return integral, derivative, self.kp * u.e + integral + derivative
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        integral, derivative, wanted = self._actions(x, u)
-        excess = limited(self, wanted) - wanted
+        integral, derivative, unlimited = self._actions(x, u)
+        excess = limited(self, unlimited) - unlimited
         return dict(integral=integral + self.kaw * self.period * excess, derivative=derivative, last=u.e)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:

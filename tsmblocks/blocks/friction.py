@@ -4,9 +4,8 @@ One sign convention: ``y`` is the force that the motion has to overcome, positiv
 ``v``; an equation of motion subtracts it. Units are free (``?v``, ``?f``); the defaults are in
 rad/s and N*m, of the size of a small geared motor at its output shaft.
 
-Signs are rounded with tanh over a ``smoothing`` velocity: a jump at rest cannot be stepped over
-at a fixed step, and has no slope for a fit to follow. Below that velocity a body creeps; where it
-must stick, use Dahl or LuGre friction.
+Signs are rounded with tanh over a ``smoothing`` velocity: a jump at rest cannot be stepped over at a fixed step, and
+has no slope for a fit to follow. Below that velocity a body creeps; where it must stick, use Dahl or LuGre friction.
 """
 
 from __future__ import annotations

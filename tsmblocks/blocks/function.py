@@ -1,12 +1,4 @@
-"""A block of a plain Python function, for what no block of the toolbox does.
-
-@function_block(units={"u": "rad", "y": "rad"})
-def cubic(u, k=0.3):
-    '''Stiffening: the output grows with the cube of the input.'''
-    return k * u**3
-
-Diagram(title="…", blocks=dict(spring=cubic(k=0.5)), …)
-"""
+"""A block of a plain Python function, for what no block of the toolbox does."""
 
 from __future__ import annotations
 

@@ -77,9 +77,8 @@ class AsymmetricBoucWen(Block):
         y &= \alpha_x(v)\, x + \zeta, \qquad
         \alpha_x(v) = \frac{\alpha_1 e^{2v} + \alpha_2}{e^{2v} + 1}
 
-    Defaults are the set of Figs 6 and 10 to 15. Eq (7) is printed with the sign of its shape
-    function reversed; Eq (8) is the stable one. :math:`\alpha_x` is coded with tanh: equal, and
-    it cannot overflow.
+    Defaults are the set of Figs 6 and 10 to 15. Eq (7) is printed with the sign of its shape function reversed; Eq (8)
+    is the stable one. :math:`\alpha_x` is coded with tanh: equal, and it cannot overflow.
     """
 
     source = "Paper, Eqs (8) and (9)"
@@ -233,18 +232,17 @@ class ElasticBacklash(Block):
         \sigma &= \operatorname{sgn}(v)\, \frac{\zeta}{w(y)}, \qquad
         w(y) = w_0 \left[1 + g_\uparrow \max(y, 0) + g_\downarrow \max(-y, 0)\right]
 
-    The stretch :math:`\zeta` runs from one side of the slack to the other, and the tool follows the
-    more of the travel the nearer it comes to the end. Just after a reversal dy/dx is
-    :math:`\alpha_x (1 - \rho)`: with :math:`\rho = 1` the loop has flat tops, above it the tool
-    first swings back, as in the paper's loops. With :math:`r \to 0` and :math:`\rho = 1` it is
-    play; with opposite growths as well it is Tao's backlash, with the slopes
-    :math:`\alpha_x / (1 \pm \alpha_x w_0 g_\uparrow)`; with :math:`r = 1` and no growth it is Dahl's
-    law with half of :math:`\rho`. It does not depend on the rate. With one state, inner loops close
-    only as far as the corners are sharp.
+    The stretch :math:`\zeta` runs from one side of the slack to the other, and the tool follows the more of the travel
+    the nearer it comes to the end. Just after a reversal dy/dx is :math:`\alpha_x (1 - \rho)`: with :math:`\rho = 1`
+    the loop has flat tops, above it the tool first swings back, as in the paper's loops. With :math:`r \to 0` and
+    :math:`\rho = 1` it is play; with opposite growths as well it is Tao's backlash, with the slopes
+    :math:`\alpha_x / (1 \pm \alpha_x w_0 g_\uparrow)`; with :math:`r = 1` and no growth it is Dahl's law with half of
+    :math:`\rho`. It does not depend on the rate. With one state, inner loops close only as far as the corners are
+    sharp.
 
-    Past :math:`\sigma = 1`, where a shrinking width can leave the stretch, the power goes on along
-    its tangent; w(y) is never less than a tenth of :math:`w_0`. Steps of travel should stay below
-    :math:`2 r w / \rho`. Defaults: fitted to the paper's generalised model on its three signals.
+    Past :math:`\sigma = 1`, where a shrinking width can leave the stretch, the power continues along its tangent; w(y)
+    is never less than a tenth of :math:`w_0`. Steps of travel should stay below :math:`2 r w / \rho`. Defaults: fitted
+    to the paper's generalised model on its three signals.
     """
 
     source = "definition; contains Dahl, AIAA J. 14 (1976) 1675, Play and TaoBacklash"
@@ -288,10 +286,9 @@ class TaoBacklash(Block):
         \end{cases}
 
     Coded as its solution over a step in which the input does not turn,
-    :math:`y = \max(c_1 (u - B_1), \min(c_2 (u + B_2), m))` with the output m at its start, so it
-    is exact on the grid. With unequal slopes the lines meet at
-    :math:`u = (c_1 B_1 + c_2 B_2) / (c_1 - c_2)`; beyond that point the law means nothing.
-    The paper prints no numbers for it; the defaults are of the size of its loops.
+    :math:`y = \max(c_1 (u - B_1), \min(c_2 (u + B_2), m))` with the output m at its start, so it is exact on the grid.
+    With unequal slopes the lines meet at :math:`u = (c_1 B_1 + c_2 B_2) / (c_1 - c_2)`; beyond that point the law means
+    nothing. The paper prints no numbers for it; the defaults are of the size of its loops.
     """
 
     source = "Paper, Eq (1); Tao and Kokotović, Systems with Actuator and Sensor Nonlinearities (1996)"

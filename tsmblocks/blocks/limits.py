@@ -165,8 +165,8 @@ class SoftRateLimit(Block):
     def _behind(self, t: Any, x: Any, u: Any) -> Any:
         passed = ca.fmax(t - x.time, 1e-12)  # as a step begins nothing is divided by zero
         left = x.behind * ca.exp(-passed / self.lag)
-        wanted, softness = u.u - x.last + x.behind - left, self.softness * passed
-        held = _softened(wanted - self.rising * passed, softness) - _softened(self.falling * passed - wanted, softness)
+        travel, softness = u.u - x.last + x.behind - left, self.softness * passed
+        held = _softened(travel - self.rising * passed, softness) - _softened(self.falling * passed - travel, softness)
         return ca.if_else(x.time > 0.5 * LONG_AGO, left + held, x.behind)
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:

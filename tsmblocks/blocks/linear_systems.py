@@ -40,8 +40,7 @@ def check_initial(owner: str, x0: tuple[Any, ...], n: int, what: str = "state") 
 def section(num: Any, den: Any, x: Any, u: Any) -> tuple[tuple[Any, ...], Any]:
     """States under the operator, and output, of num/den in reachable canonical form.
 
-    A coefficient that is not given must not appear: as a symbol, 0 * u would count as a path from
-    input to output.
+    A coefficient that is not given must not appear: as a symbol, 0 * u would count as a path from input to output.
     """
     newest = (u - sum(a * z for a, z in zip(den[1:], x, strict=True))) / den[0]
     kept = (newest, *x)[len(den) - len(num) :]

@@ -1,8 +1,7 @@
 """Blocks that stand on a wire and add one effect to the signal, which passes bit for bit at strength zero.
 
-Every output is the input plus the strength times something finite, and every strength is zero by
-default. Put on a wire of a diagram that works, such a block therefore changes nothing until its
-strength is set or fitted.
+Every output is the input plus the strength times something finite, and every strength is zero by default. Put on a wire
+of a diagram that works, such a block therefore changes nothing until its strength is set or fitted.
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ class AlgebraicLoop(DiagramError):
 
     Parameters
     ----------
-    diagram, problems, where : object
+    diagram, problems, where : str, sequence of str and str
         As for ``DiagramError``.
     path : sequence of str, default ()
         Signals around the loop; the first and the last are the same.

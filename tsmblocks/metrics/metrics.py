@@ -35,10 +35,10 @@ DEFAULT_METRICS = {
 
 @attrs.frozen
 class Part:
-    """One reduction in a metric: of ``of``, at instants from ``after`` up to ``before`` [s]."""
+    """One reduction in a metric, of an expression of signals, at instants from ``after`` up to ``before`` [s]."""
 
     reduction: str
-    of: Expression
+    expression: Expression
     numbers: tuple[float, ...] = ()
     after: float = -np.inf
     before: float = np.inf
@@ -53,7 +53,7 @@ class Part:
             )
         if not inside.all():
             t, signals = t[inside], {k: v[inside] for k, v in signals.items()}
-        e = self.of.of_arrays(signals)
+        e = self.expression.of_arrays(signals)
         with np.errstate(all="ignore"):
             return np.where(np.isfinite(e).all(axis=0), REDUCTIONS[self.reduction].run(e, t, *self.numbers), np.nan)
 
@@ -77,7 +77,7 @@ class Metric:
     @property
     def signals(self) -> tuple[str, ...]:
         """Names of the signals it needs."""
-        return tuple(dict.fromkeys(name for part in self.parts for name in part.of.names))
+        return tuple(dict.fromkeys(name for part in self.parts for name in part.expression.names))
 
     def __call__(self, t: np.ndarray, signals: Any) -> Any:
         """The number for signals of shape (N,), or one for each run, shape (runs,), for signals of shape (N, runs).
@@ -247,7 +247,7 @@ class _Split:
         if name in REDUCTIONS:
             self.parts.append(_part(self.read, node, name))
             mark = f"#{len(self.parts) - 1}"
-            inside = _unit(self.read, self.parts[-1].of.tree, self.signals)
+            inside = _unit(self.read, self.parts[-1].expression.tree, self.signals)
             self.units[mark] = REDUCTIONS[name].unit_of(inside)
             return ast.Name(mark, ast.Load())
         if name not in FUNCTIONS:
@@ -267,11 +267,11 @@ def _part(read: Reader, node: ast.Call, name: str) -> Part:
     signal, *others = node.args
     if isinstance(signal, ast.Compare) != (name == "share"):
         read.refuse(f"{name} takes a {first}{', such as abs(u) > 23.9' if name == 'share' else ''}.", signal)
-    of = read.read(_margin_of_comparison(read, signal) if isinstance(signal, ast.Compare) else signal)
-    if not of.names:
+    expression = read.read(_margin_of_comparison(read, signal) if isinstance(signal, ast.Compare) else signal)
+    if not expression.names:
         read.refuse(f"there is no signal in this. {EXAMPLE}", signal)
     window = {k: _constant(read, value) for k, value in given.items() if k}
-    return Part(name, of, tuple(_constant(read, one) for one in others), **window)
+    return Part(name, expression, tuple(_constant(read, one) for one in others), **window)
 
 
 def _margin_of_comparison(read: Reader, node: ast.Compare) -> ast.expr:

@@ -1,11 +1,4 @@
-"""The promises every block keeps, as checks. A check's name is the promise, its docstring states it in words.
-
-from tsmblocks.testing import checks_for
-
-@pytest.mark.parametrize("check", checks_for(MyBlock()), ids=str)
-def test_my_block(check):
-check()
-"""
+"""The promises every block keeps, as checks. A check's name is the promise, its docstring states it in words."""
 
 from __future__ import annotations
 
@@ -78,6 +71,8 @@ class Check:
 
 def checks_for(block: Block) -> list[Check]:
     """Return a check of every promise for one block.
+
+    ``@pytest.mark.parametrize("check", checks_for(MyBlock()), ids=str)`` makes each a test, which calls it.
 
     Parameters
     ----------

@@ -149,7 +149,7 @@ class _Argument:
     ) -> tuple[Array, Array, Array]:
         """Its instants (n,), values (n,) and derivatives (n, p)."""
         kept = (t >= self.part.after - 1e-9) & (t <= self.part.before + 1e-9)
-        names = self.part.of.names
+        names = self.part.expression.names
         values = self.function.map(int(kept.sum()))(*(signals[name][kept].reshape(1, -1) for name in names))
         e, *by = (np.asarray(v).ravel() for v in values)
         parts = [d[:, None] * derivatives[name][kept] for name, d in zip(names, by, strict=True)]
@@ -212,7 +212,7 @@ def differentiable(metric: Metric) -> DifferentiableMetric:
 
 
 def _argument(part: Part) -> _Argument:
-    signals = [ca.SX.sym(name) for name in part.of.names]
-    value = part.of.symbolic(dict(zip(part.of.names, signals, strict=True)))
+    signals = [ca.SX.sym(name) for name in part.expression.names]
+    value = part.expression.symbolic(dict(zip(part.expression.names, signals, strict=True)))
     outputs = [ca.densify(v) for v in (value, *(ca.jacobian(value, one) for one in signals))]
     return _Argument(part, ca.Function("argument", signals, outputs))
