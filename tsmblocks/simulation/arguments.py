@@ -90,11 +90,6 @@ class TimeGrid:
         return self.start + self.h * np.arange(self.steps + 1)
 
     @property
-    def logged(self) -> np.ndarray:
-        """The instants that are kept, in s."""
-        return self.grid[:: self.every]
-
-    @property
     def kept(self) -> int:
         """Number of instants that are kept."""
         return self.steps // self.every + 1

@@ -112,7 +112,7 @@ class PreparedBatch:
     @property
     def t(self) -> np.ndarray:
         """The instants that are kept in s, shape (N,)."""
-        return self._times.logged
+        return self._times.grid[:: self._times.every]
 
     @property
     def count(self) -> int:

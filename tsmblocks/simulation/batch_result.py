@@ -28,11 +28,6 @@ class Batch:
         Instants in s, shape (N,).
     units : dict of str to str, optional
         Units of signals that were not reduced.
-
-    Attributes
-    ----------
-    failed : ndarray of bool
-        Sets with a result that is not finite (an unstable choice of gains, for example), shape (sets,).
     """
 
     parameters: Mapping[str, np.ndarray]
@@ -48,12 +43,15 @@ class Batch:
 
     @property
     def failed(self) -> np.ndarray:
-        """Sets with a result that is not finite, shape (sets,)."""
+        """Sets with a result that is not finite (an unstable choice of gains, for example), shape (sets,)."""
         return np.any([~np.isfinite(v.reshape(len(v), -1)).all(axis=1) for v in self.results.values()], axis=0)
 
+    @property
+    def _count(self) -> int:
+        return len(next(iter(self.parameters.values())))
+
     def __repr__(self) -> str:
-        count = len(next(iter(self.parameters.values())))
-        return f"Batch({count} sets of {few(self.parameters)}, results {few(self.results)})"
+        return f"Batch({self._count} sets of {few(self.parameters)}, results {few(self.results)})"
 
     def _repr_html_(self) -> str:
         return view("html", self)
@@ -67,7 +65,7 @@ class Batch:
             The table; signals over time are left out. Needs pandas.
         """
         single = {k: v for k, v in self.results.items() if v.ndim == 1}
-        return frame({**self.parameters, **single}, np.arange(len(next(iter(self.parameters.values())))), "set")
+        return frame({**self.parameters, **single}, np.arange(self._count), "set")
 
     def to_xarray(self) -> Any:
         """All results over ``set`` and ``t`` [s], with the parameters as coordinates.
@@ -78,8 +76,10 @@ class Batch:
             The results, with ``attrs["units"]``. Needs xarray.
         """
         results = {k: (("set", "t")[: v.ndim], v, self.units.get(k, "")) for k, v in self.results.items()}
-        sets = np.arange(len(next(iter(self.parameters.values()))))
-        coords = {"set": (("set",), sets, ""), **{k: (("set",), v, "") for k, v in self.parameters.items()}}
+        coords = {
+            "set": (("set",), np.arange(self._count), ""),
+            **{k: (("set",), v, "") for k, v in self.parameters.items()},
+        }
         if any(v.ndim > 1 for v in self.results.values()):
             coords["t"] = (("t",), self.t, "s")
         return dataset(results, coords, {})

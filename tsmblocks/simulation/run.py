@@ -24,7 +24,7 @@ class Run(SignalViews):
     """Signals of one simulation.
 
     ``run["tsm.y"]`` is a signal of shape (N,), by the name of an output of the diagram, of a block's port
-    (``"motor.y"``), of a state (``"tsm.zeta"``) or of an input.
+    (``"motor.y"``), of a state (``"tsm.zeta"``) or of an input. What takes names raises RunError for an unknown one.
 
     Parameters
     ----------
@@ -75,16 +75,14 @@ class Run(SignalViews):
     events: tuple[Any, ...] = attrs.field(repr=False, default=())
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A signal by name. Raises RunError, with the nearest known name, where there is none."""
+        """A signal by name. Raises RunError with the near miss."""
         if not isinstance(name, str):
             raise RunError(f"signals of a run are chosen by name, one at a time, got {in_words(name)}.")
         target = self.aliases.get(name, name)
-        try:
-            column = self.names.index(target)
-        except ValueError:
+        if target not in self.names:
             hint = near(name, [*self.aliases, *self.names])
-            raise RunError(f"the run of '{self.title}' has no signal '{name}'.{hint}") from None
-        return np.ascontiguousarray(self.rows[:, column])
+            raise RunError(f"the run of '{self.title}' has no signal '{name}'.{hint}")
+        return np.ascontiguousarray(self.rows[:, self.names.index(target)])
 
     def __contains__(self, name: object) -> bool:
         return name in self.aliases or name in self.names
@@ -116,11 +114,6 @@ class Run(SignalViews):
         -------
         Record
             The recording.
-
-        Raises
-        ------
-        RunError
-            For an unknown signal.
         """
         chosen = names or tuple(self.aliases)
         signals, units = {k: self[k] for k in chosen}, {k: self.unit(k) for k in chosen}
@@ -168,11 +161,6 @@ class Run(SignalViews):
         -------
         pandas.DataFrame
             The table; ``attrs["units"]`` has the units, which ``from_pandas`` reads. Needs pandas.
-
-        Raises
-        ------
-        RunError
-            For an unknown signal.
         """
         chosen = as_list(names) or self.keys()
         return frame({n: self[n] for n in chosen}, self.t, "t", {"t": "s", **{n: self.unit(n) for n in chosen}})
@@ -189,11 +177,6 @@ class Run(SignalViews):
         -------
         xarray.Dataset
             One variable for each signal, with ``attrs["units"]``. Needs xarray.
-
-        Raises
-        ------
-        RunError
-            For an unknown signal.
         """
         facts = {"title": self.title, "step": self.step, "method": self.method, "complete": self.complete}
         signals = {n: (("t",), self[n], self.unit(n)) for n in as_list(names) or self.keys()}
@@ -227,10 +210,5 @@ class Run(SignalViews):
             For another ending, two signals with one name in .mat, and names that cannot be written.
         """
         chosen = as_list(names) or list(self.aliases) or self.keys()
-        return written(
-            path,
-            self.t,
-            {n: self[n] for n in chosen},
-            {n: self.unit(n) for n in chosen},
-            "Give the output another name, or leave it out with names=[...].",
-        )
+        signals, units = {n: self[n] for n in chosen}, {n: self.unit(n) for n in chosen}
+        return written(path, self.t, signals, units, "Give the output another name, or leave it out with names=[...].")

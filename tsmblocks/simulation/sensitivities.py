@@ -99,4 +99,4 @@ def sensitivities_of(
             wide = lane_columns(y, kernel, len(chosen) + column, lanes)
             jacobian[:, i, first : first + len(part)] = wide[:, : len(part)]
     values = np.column_stack([y[:, kernel.layout_y.offset[c]] for c in columns])
-    return Sensitivities(times.logged, values, jacobian, tuple(shown), tuple(names))
+    return Sensitivities(times.grid[:: times.every], values, jacobian, tuple(shown), tuple(names))

@@ -78,11 +78,10 @@ class Stepper:
         eq = self.eq = equations(diagram)
         for feed in eq.u:
             _need_single(diagram.title, feed)
-        shown = tuple(dict.fromkeys(eq.y.index(v) for v in eq.aliases.values()))
-        self.names = tuple(eq.y[k] for k in shown)
+        self.names = tuple(dict.fromkeys(eq.aliases.values()))
         self.backend = backend
         rule, p = method_named(method), parameter_vector(eq, diagram)
-        self.kernel = single_kernel(eq, rule, shown, backend)
+        self.kernel = single_kernel(eq, rule, tuple(map(eq.y.index, self.names)), backend)
         self.hits = steps_per_period(eq, self.h)
         saved = initial if isinstance(initial, SavedState) else None
         self.memory = start_memory(eq, self.kernel, p, self.h, None if saved else initial)  # type: ignore[arg-type]
@@ -123,10 +122,11 @@ class Stepper:
         u = np.tile(values, (2, len(self.kernel.plan.method.instants), 1)) if values else np.empty((2, 1, 0))
         y = np.empty((1, self.kernel.layout_y.size))
         before = self.memory.copy()
-        self._advance(self.memory, u, 1, False, 1, y)
-        work = self.memory.copy()  # outputs at the end are read on a copy: sampled blocks act once
+        one = Steps(self.start, self.h, self.k, 1, False, self.hits, every=1 << 40, skip=1)
+        self.kernel.advance(self.memory, u, y, one)
         self.k += 1
-        self._advance(work, u, 0, True, 0, y)
+        # Outputs at the end are read on a copy: sampled blocks act once.
+        self.kernel.advance(self.memory.copy(), u, y, one._replace(k0=self.k, n=0, final=True, skip=0))
         if not (np.isfinite(y).all() and np.isfinite(self.memory.x).all()):
             self.memory, self.k = before, self.k - 1
             raise self._not_finite(before, values)
@@ -135,14 +135,10 @@ class Stepper:
 
     def _not_finite(self, before: Memory, values: list[float]) -> NotFinite:
         """The error of a step that diverged."""
-        ends = np.array([0.0, self.h])  # held before and after
+        ends = np.array([0.0, self.h])  # inputs are held from one to the other
         held = [(Signal(f.name, v, ends, "zero"), 0) for f, v in zip(self.eq.u, values, strict=True)]
         last = Session(self.eq, self.kernel, before, held, self.start, self.h, 1, self.k, self.hits)
         return divergence_error(last, self.backend, 1)
-
-    def _advance(self, memory: Memory, u: np.ndarray, n: int, final: bool, skip: int, y: np.ndarray) -> None:
-        steps = Steps(self.start, self.h, self.k, n, final, self.hits, every=1 << 40, skip=skip)
-        self.kernel.advance(memory, u, y, steps)
 
     def _values(self, inputs: Mapping[str, Any]) -> list[float]:
         """The inputs in order. Raises DataError for one that is missing, unknown or no number."""
