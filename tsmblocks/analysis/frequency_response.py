@@ -21,10 +21,9 @@ from tsmblocks.common.units import display_unit
 from tsmblocks.common.views import view
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram, as_inputs
+from tsmblocks.simulation.arguments import RunOptions, as_diagram, as_inputs
 from tsmblocks.simulation.batch import batch_of
 from tsmblocks.simulation.compiled import equations
-from tsmblocks.simulation.run_options import RunOptions
 
 PERIODICITY_TOLERANCE = 1e-4
 """Change of a signal from one period to the next, as a share of its size, that counts as periodic. Chosen."""

@@ -1,7 +1,6 @@
 """Runs of a diagram: arguments, one run, batches, sensitivities, stepping sample by sample, saved states.
 
-Reading order: ``simulate`` (one run) with ``run_options`` and ``arguments`` (what it takes), ``compiled`` (equations of
-a diagram) and ``run`` (what it returns); ``batch`` and ``sensitivities`` (many runs in ``lanes``); ``stepper``. Apart
-from these: ``stability`` (the warning of a long step), ``divergence`` (the error of a run that diverges),
-``saved_state``.
+Reading order: ``simulate`` (one run) with ``arguments`` (what it takes), ``compiled`` (equations of a diagram) and
+``run`` (what it returns); ``batch`` and ``sensitivities`` (many runs in ``lanes``); ``stepper``. Apart from these:
+``stability`` (the warning of a long step), ``divergence`` (the error of a run that diverges), ``saved_state``.
 """

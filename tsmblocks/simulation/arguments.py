@@ -1,20 +1,27 @@
-"""Arguments of a run: the diagram, its inputs and times, checked once for every way to run."""
+"""Arguments of a run: diagram, inputs, times, options and the signals to keep, checked once for every way to run."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
 from typing import Any
 
 import attrs
 import numpy as np
 
-from tsmblocks.common.arguments import as_integer, as_number, as_positive
-from tsmblocks.common.errors import DataError, RunError, in_words
+from tsmblocks.common.arguments import as_integer, as_list, as_number, as_positive
+from tsmblocks.common.errors import DataError, RunError, in_words, near
+from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.inputs import Signal
+from tsmblocks.engine.methods import Method, method_named
+from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram, required_diagram
 
 MOST_STEPS = 1e15
 """Steps of a run, at most. Derived: times of a double then still differ from step to step."""
+MOST_NUMBERS = 250_000_000
+"""Logged numbers (2 GB) above which a run is refused. Chosen."""
 
 
 def as_diagram(diagram: Diagram, parameters: Mapping[str, Any] | None = None) -> Diagram:
@@ -101,3 +108,85 @@ def run_times(inputs: Mapping[str, Any], start: Any, stop: Any, step: Any, every
     end = end_time(inputs, begin, h) if stop is None else as_number("stop", stop)
     steps = step_count(begin, end, h)
     return TimeGrid(begin, h, steps, min(spacing, int(MOST_STEPS) + 1))
+
+
+@attrs.frozen(eq=False)
+class RunOptions:
+    """Arguments of ``simulate`` by the same names; inputs are checked here, the others where they are first used."""
+
+    stop: float | None = None
+    step: float = 1e-3
+    start: float = 0.0
+    method: str = "rk4"
+    inputs: Mapping[str, Any] = attrs.field(default=None, converter=as_inputs)
+    hold: str = "linear"
+    every: int = 1
+    backend: str = ""
+
+    @property
+    def times(self) -> TimeGrid:
+        """The instants of the run. Raises RunError."""
+        return run_times(self.inputs, self.start, self.stop, self.step, self.every)
+
+    @property
+    def rule(self) -> Method:
+        """The integration method. Raises RunError for an unknown name."""
+        return method_named(self.method)
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The options as keyword arguments of ``simulate`` and ``study``, which keep every instant."""
+        return {k: v for k, v in attrs.asdict(self, recurse=False).items() if k != "every"}
+
+    def signals(self, eq: Equations) -> list[tuple[Signal, int]]:
+        """The signal behind each sampled input of the equations, with the order of its derivative. Raises DataError."""
+        return gather_signals(eq, self.inputs, self.times.grid, self.hold)
+
+
+def logged_signals(eq: Equations, log: str | Iterable[str], times: TimeGrid) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Columns and names of the signals that are kept. Raises RunError for too many numbers."""
+    chosen = _chosen(eq, log)
+    if times.kept * len(chosen) > MOST_NUMBERS:
+        fewer = times.every * 10 ** math.ceil(math.log10(times.kept * len(chosen) / MOST_NUMBERS))
+        raise RunError(
+            f"{times.kept} instants of {len(chosen)} signals would take "
+            f"{times.kept * len(chosen) * 8 / 1e9:.0f} GB. Keep less: log='outputs', or every={fewer}."
+        )
+    return chosen, tuple(eq.y[k] for k in chosen)
+
+
+def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
+    if log == "all":
+        return tuple(range(len(eq.y)))
+    patterns = [] if log == "outputs" else as_list(log) if isinstance(log, Iterable) else [log]
+    for pattern in patterns:
+        if not isinstance(pattern, str):
+            raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(pattern)}.")
+    shown = set(eq.aliases.values())
+    chosen = [
+        k
+        for k, name in enumerate(eq.y)
+        if name in shown or any(fnmatchcase(name, eq.aliases.get(p, p)) for p in patterns)
+    ]
+    for pattern in patterns:
+        if not any(fnmatchcase(name, eq.aliases.get(pattern, pattern)) for name in eq.y):
+            raise RunError(f"log '{pattern}' matches no signal.{near(pattern, eq.y)}")
+    return tuple(chosen)
+
+
+def signal_positions(eq: Equations, names: Sequence[str]) -> list[int]:
+    """Positions of signals or outputs in ``eq.y``. Raises RunError for an unknown name."""
+    made = []
+    for name in names:
+        signal = eq.aliases.get(name, name)
+        if signal not in eq.y:
+            raise RunError(f"diagram '{eq.title}' has no signal '{name}'.{near(name, [*eq.aliases, *eq.y])}")
+        made.append(eq.y.index(signal))
+    return made
+
+
+def kept_columns(eq: Equations, names: Sequence[str]) -> tuple[int, ...]:
+    """The same positions, each once, as a kernel logs them. Raises RunError where no signal is named."""
+    if not names:
+        raise RunError(f"diagram '{eq.title}' has no outputs, so name the signals to keep: outputs=['block.port'].")
+    return tuple(dict.fromkeys(signal_positions(eq, names)))

@@ -16,13 +16,11 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import TimeGrid, as_diagram
+from tsmblocks.simulation.arguments import RunOptions, TimeGrid, as_diagram, kept_columns, signal_positions
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.lanes import batch_kernel, lane_columns, lane_memory, lanes_for, whole_run
-from tsmblocks.simulation.logged_signals import kept_columns, signal_positions
-from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import RunStart, extreme_sets, set_text, warn_of_fast_poles
 
 Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]

@@ -11,12 +11,10 @@ from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram
+from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns, signal_positions
 from tsmblocks.simulation.batch_parameters import parameter_index
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.lanes import directions, lane_columns, tangent_kernel, whole_run
-from tsmblocks.simulation.logged_signals import kept_columns, signal_positions
-from tsmblocks.simulation.run_options import RunOptions
 
 
 def sensitivities(

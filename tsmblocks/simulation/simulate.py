@@ -12,12 +12,10 @@ from tsmblocks.common.arguments import as_callback
 from tsmblocks.engine.events import locating
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram
+from tsmblocks.simulation.arguments import RunOptions, as_diagram, logged_signals
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.divergence import divergence_error
-from tsmblocks.simulation.logged_signals import logged_signals
 from tsmblocks.simulation.run import Run
-from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
 from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
 

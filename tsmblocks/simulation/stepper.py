@@ -42,11 +42,6 @@ class Stepper:
     backend : {"", "llvm", "casadi"}
         As for ``simulate``.
 
-    Attributes
-    ----------
-    t : float
-        Present time in s.
-
     Raises
     ------
     RunError

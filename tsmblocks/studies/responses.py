@@ -13,8 +13,7 @@ from tsmblocks.common.frames import dataset
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram
-from tsmblocks.simulation.run_options import RunOptions
+from tsmblocks.simulation.arguments import RunOptions, as_diagram
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan
 from tsmblocks.studies.runner import grouped, run_starts

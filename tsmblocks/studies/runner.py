@@ -17,10 +17,10 @@ from tsmblocks.common.arguments import is_number
 from tsmblocks.common.errors import ParameterError, RunError, TsmError, in_words
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.arguments import RunOptions
 from tsmblocks.simulation.batch import PreparedBatch, batch_of
 from tsmblocks.simulation.compiled import equations
 from tsmblocks.simulation.lanes import lanes_for
-from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import MOST_CHECKED, RunStart, extreme_sets, set_text
 from tsmblocks.studies.plans import plain
 

@@ -20,9 +20,8 @@ from tsmblocks.metrics.metrics import Metric
 from tsmblocks.metrics.metrics import metrics as read_metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
-from tsmblocks.simulation.arguments import as_diagram
+from tsmblocks.simulation.arguments import RunOptions, as_diagram
 from tsmblocks.simulation.compiled import equations
-from tsmblocks.simulation.run_options import RunOptions
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan, grid
 from tsmblocks.studies.results import Results, described_results

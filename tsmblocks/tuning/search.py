@@ -13,7 +13,7 @@ import numpy as np
 from tsmblocks.common.errors import RunError
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.run_options import RunOptions
+from tsmblocks.simulation.arguments import RunOptions
 from tsmblocks.simulation.sensitivities import sensitivities_of
 from tsmblocks.simulation.stability import MOST_CHECKED, RunStart, no_step_warnings
 from tsmblocks.studies import Uniform, latin_hypercube, study, table

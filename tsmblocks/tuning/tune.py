@@ -10,8 +10,7 @@ from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.metrics.metrics import Metric, metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
-from tsmblocks.simulation.arguments import as_diagram
-from tsmblocks.simulation.run_options import RunOptions
+from tsmblocks.simulation.arguments import RunOptions, as_diagram
 from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies import Plan, Uniform
 from tsmblocks.studies.distributions import uniform_between
