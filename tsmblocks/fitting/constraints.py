@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 import attrs
@@ -19,7 +20,7 @@ _COMPARISONS: dict[type, str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.Gt
 class Constraint:
     """One comparison: ``expression`` is to be >= 0, or = 0 where ``equality`` says so.
 
-    ``name`` is the one given, or the text itself; ``strict`` tells ``<`` from ``<=``.
+    ``name`` is the one given, or the text itself; ``strict`` is True for ``<`` and ``>``.
     """
 
     name: str
@@ -113,28 +114,12 @@ def ties(given: Mapping[str, Any], known: Sequence[str], free: Sequence[str]) ->
             raise ParameterError(f"ties: '{full}' is free in this fit, so it cannot follow {in_words(text)} as well.")
         value = finite_or_none(text)
         read[full] = expression(text if value is None else repr(value), known, what=f"tie of '{full}'")
-    return tuple((name, read[name]) for name in _ordered(read))
-
-
-def _ordered(read: Mapping[str, Expression]) -> list[str]:
-    """Names so that each comes after those it follows."""
-    left, done = dict(read), list[str]()
-    while left:
-        ready = [name for name, e in left.items() if not any(k in left for k in e.names)]
-        if not ready:
-            raise ParameterError(f"ties: {_circle(left)}.")
-        done += ready
-        for name in ready:
-            del left[name]
-    return done
-
-
-def _circle(left: Mapping[str, Expression]) -> str:
-    """One circle among ties of which each follows another one."""
-    path = [next(iter(left))]
-    while path[-1] not in path[:-1]:
-        path.append(next(k for k in left[path[-1]].names if k in left))
-    path = path[path.index(path[-1]) :]
-    if len(path) == 2:
-        return f"'{path[0]}' follows itself"
-    return f"parameters follow each other in a circle, {clip(' -> '.join(path), 300)}"
+    follows = {name: [k for k in tie.names if k in read] for name, tie in read.items()}
+    try:
+        return tuple((name, read[name]) for name in TopologicalSorter(follows).static_order())
+    except CycleError as error:
+        circle = error.args[1][::-1]
+        if len(circle) == 2:
+            raise ParameterError(f"ties: '{circle[0]}' follows itself.") from None
+        way = clip(" -> ".join(circle), 300)
+        raise ParameterError(f"ties: parameters follow each other in a circle, {way}.") from None

@@ -1,6 +1,6 @@
 """Parameters in which the outputs are discontinuous, such as the instant of a step or the interval of a quantiser.
 
-Derivatives say nothing of them, so many values of each are simulated side by side, by turns with a search in all
+Derivatives say nothing of them, so many values of each are simulated side by side, in turn with a search in all
 other parameters; their uncertainty is how far each can go before the residuals grow.
 """
 
@@ -122,7 +122,7 @@ def search_discontinuous(
             others = [_again(search, end, which) for end in others]
     except KeyboardInterrupt:
         search.status = "interrupted"
-    except RunError:  # so far off it cannot be run: as far as it went counts
+    except RunError:  # the simulation diverges there: the best point so far counts
         pass
     history = (*best.history, search.cost)
     found = OptimizerResult(search.theta, search.cost, search.status, len(history) - 1, search.evaluations, history)
@@ -143,13 +143,13 @@ def _discontinuous(problem: Problem, found: OptimizerResult) -> list[int]:
 
 
 def _range(problem: Problem, k: int) -> Box:
-    """The range in which values of an unknown are looked for."""
+    """The search range of an unknown."""
     item = problem.unknowns.items[k]
     return Box((search_range(item.start, item.low, item.high),))
 
 
 def _search_values(search: _Search, k: int) -> None:
-    """Try many values of one unknown, then ever closer between the neighbours of the best."""
+    """Try many values of one unknown, then finer ones between the neighbours of the best."""
     item = search.problem.unknowns.items[k]
     middles = dict.fromkeys((float(search.theta[k]), item.start))
 
@@ -160,7 +160,7 @@ def _search_values(search: _Search, k: int) -> None:
     wide = _range(search.problem, k).thetas(np.linspace(0.0, 1.0, WIDE)[:, None])[:, 0]
     values = np.unique(np.concatenate([wide, around(NEAR), [search.theta[k]]]))
     costs = search.costs(k, values)
-    if np.mean(np.abs(costs - search.cost) <= EQUAL * search.cost) < 0.25:  # or it stands where nothing comes of it
+    if np.mean(np.abs(costs - search.cost) <= EQUAL * search.cost) < 0.25:  # else its value has no effect there
         more = around(FINE)
         values, first = np.unique(np.concatenate([values, more]), return_index=True)
         costs = np.concatenate([costs, search.costs(k, more)])[first]
@@ -199,9 +199,9 @@ def _measure_plateaus(search: _Search, which: Sequence[int], given: np.ndarray |
 
 
 def _edges(search: _Search, k: int) -> tuple[float, float, float]:
-    """Middle and half width of where the cost stays the same, and how far it takes to grow by half a variance.
+    """Middle of the plateau of equal cost, how far the cost takes to grow by half a variance, and half the plateau.
 
-    What takes no end at one side has no influence to speak of: infinite.
+    Infinite where the cost never grows to one side: the unknown has no influence there.
     """
     item, box = search.problem.unknowns.items[k], _range(search.problem, k)
     at, variance = float(search.theta[k]), 2 * search.cost / max(search.problem.samples, 1)

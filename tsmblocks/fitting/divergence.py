@@ -1,4 +1,4 @@
-"""Why a simulation inside a fit went away: the run is made again where every signal can be looked at."""
+"""Why a simulation inside a fit diverged: the run is repeated with a check of every signal."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ Window = tuple[float | None, float | None]
 
 @attrs.frozen(eq=False)
 class Experiment:
-    """A recording made ready: the inputs at every stage of every step, and what was measured when.
+    """A recording prepared for a diagram: the inputs at every stage of every step, and what was measured when.
 
     ``measured`` has shape (samples, outputs), in the units of the diagram's ports. Sample k lies
     ``share[k]`` of a step after step ``place[k]``.
@@ -218,7 +218,7 @@ def prepare(
 
 
 def inputs(record: Record, diagram: Diagram, hold: str, until: float = -math.inf) -> dict[str, Any]:
-    """The diagram's inputs out of a recording, led on to the end of a step at ``until`` [s] as they went.
+    """The diagram's inputs from a recording, extrapolated to the end of a step at ``until`` [s].
 
     Raises DataError for one that is not there.
     """
@@ -256,18 +256,18 @@ def signal_of(name: str, record: Record, k: str, unit: str) -> np.ndarray:
     return y
 
 
-def compared(records: Mapping[str, Record], diagram: Diagram, asked: Sequence[str] | None) -> tuple[str, ...]:
-    """Outputs that are compared: those asked for, or all that every recording has. Raises DataError for none."""
-    for name in asked or ():
+def compared(records: Mapping[str, Record], diagram: Diagram, given: Sequence[str] | None) -> tuple[str, ...]:
+    """Outputs that are compared: those given, or all that every recording has. Raises DataError for none."""
+    for name in given or ():
         if name not in diagram.outputs:
             raise DataError(f"diagram '{diagram.title}' has no output '{name}'.{near(name, diagram.outputs)}")
     for record in records.values():
-        gone = [k for k in asked or () if k not in record]
+        gone = [k for k in given or () if k not in record]
         if gone:
             raise DataError(
                 f"{record.called}: there is no signal '{gone[0]}' to compare with.{near(gone[0], record.names)}"
             )
-    found = tuple(asked or (k for k in diagram.outputs if all(k in r for r in records.values())))
+    found = tuple(given or (k for k in diagram.outputs if all(k in r for r in records.values())))
     if not found:
         bare = [r for r in records.values() if not any(k in r for k in diagram.outputs)]
         if diagram.outputs and not bare:
@@ -289,7 +289,7 @@ def compared(records: Mapping[str, Record], diagram: Diagram, asked: Sequence[st
 
 
 def span(name: str, record: Record, window: Window) -> slice:
-    """The samples from ``window[0]`` to ``window[1]`` [s]. Raises DataError when next to none are left."""
+    """The samples from ``window[0]`` to ``window[1]`` [s]. Raises DataError for fewer than ``FEWEST``."""
     low, high = (-math.inf if window[0] is None else window[0]), (math.inf if window[1] is None else window[1])
     first, last = np.searchsorted(record.t, low), int(np.searchsorted(record.t, high, side="right"))
     if last - first < FEWEST:
@@ -309,7 +309,7 @@ def _ends(window: Window) -> str:
 
 
 def median_step(t: np.ndarray) -> float:
-    """The step of an even grid as exactly as its ends tell it, else the median step [s]."""
+    """The step of an even grid from its ends, else the median step [s]."""
     mean = float((t[-1] - t[0]) / (len(t) - 1))
     return _roundest(t, mean) if is_even(t, mean) else float(np.median(np.diff(t)))
 

@@ -41,30 +41,120 @@ MOST_DAMPINGS = 16
 """Dampings that are tried before the search counts as stalled. Chosen."""
 
 
-@attrs.define(eq=False)
-class _State:
-    """The current point of the search, with cost and derivatives.
-
-    ``penalty`` weights constraint violations in the merit function. ``steps`` are those of finite differences, None for
-    exact derivatives.
-    """
-
-    theta: np.ndarray
-    cost: float
-    gradient: np.ndarray
-    matrix: np.ndarray
-    damping: float = FIRST_DAMPING
-    penalty: float = 0.0
-    evaluations: int = 2  # values with derivatives count as two runs
-    steps: np.ndarray | None = None
-    tolerance: float = GAIN_TOLERANCE
-
-
 class _Step(NamedTuple):
     """A trial step: its end and the predicted gain."""
 
     theta: np.ndarray
     predicted: float
+
+
+@attrs.define(eq=False)
+class _Search:
+    """The current point of a search, with cost and derivatives.
+
+    ``penalty`` weights constraint violations in the merit function. ``steps`` are those of finite differences, None for
+    exact derivatives.
+    """
+
+    problem: Problem
+    theta: np.ndarray
+    cost: float
+    gradient: np.ndarray
+    matrix: np.ndarray
+    steps: np.ndarray | None
+    tolerance: float
+    damping: float = FIRST_DAMPING
+    penalty: float = 0.0
+    evaluations: int = 2  # values with derivatives count as two runs
+
+    def run(self, history: list[float], iterations: int, progress: ProgressCallback) -> str:
+        """Iterate until the search ends; returns the status."""
+        for _ in range(iterations):
+            ended = self.iterate()
+            history.append(self.cost)
+            progress("gauss-newton", self.evaluations, self.cost)
+            if ended:
+                return ended
+        return "limit"
+
+    def iterate(self) -> str:
+        """One step, with more damping until it reduces the merit; the status where the search ends, else ``""``."""
+        grow = 2.0
+        for _ in range(MOST_DAMPINGS):
+            step = self.step(self.damping)
+            if step is None:
+                return "stalled"
+            if self.negligible(step):
+                undamped = self.step(LEAST_DAMPING)  # only the damping may have made it negligible
+                return "converged" if undamped is None or self.negligible(undamped) else "stalled"
+            # Most steps are good, so derivatives are computed at once; of a step in doubt the cost alone.
+            new = self.problem.normal(step.theta, self.steps) if grow == 2.0 else None
+            cost = new[0] if new is not None else self.problem.cost(step.theta)
+            self.evaluations += 2 if new is not None else 1
+            gained = self.merit(self.theta, self.cost) - self.merit(step.theta, cost)
+            if gained > 1e-4 * step.predicted:
+                if new is None:
+                    self.evaluations += 2
+                self.theta = step.theta
+                self.cost, self.gradient, self.matrix = new or self.problem.normal(step.theta, self.steps)
+                share = min(gained / step.predicted, 2.0)
+                self.damping = max(self.damping * max(1 / 5, 1 - (2 * share - 1) ** 3), LEAST_DAMPING)
+                return ""
+            self.damping, grow = max(self.damping, 1e-9) * grow, 2 * grow
+        return "stalled"
+
+    def step(self, damping: float) -> _Step | None:
+        """The step of the damped quadratic model, in variables scaled by the sensitivity of the outputs."""
+        problem, sensitivity = self.problem, np.sqrt(np.diag(self.matrix))
+        if not np.isfinite(self.matrix).all():
+            return None
+        initial = np.abs(problem.unknowns.start)
+        # Unknowns on which the outputs hardly depend must stay near their values; one that started at zero need not.
+        nearby = LARGEST_CHANGE * np.maximum(np.abs(self.theta), initial) / _signal_norm(problem)
+        longest = np.where(initial > 0, nearby, np.inf)
+        size = np.where(
+            sensitivity > 1e-150, np.minimum(1 / np.maximum(sensitivity, 1e-150), longest), np.maximum(initial, 1e-6)
+        )
+        rows, bounds, equal = linearised_constraints(problem, self.theta)
+        matrix = self.matrix * size[:, None] * size  # one after the other: the product of two sizes may overflow
+        damped = matrix + damping * np.eye(len(size))
+        try:
+            scaled, multipliers = quadratic_step(damped, self.gradient * size, rows * size, bounds, equal)
+        except (Infeasible, np.linalg.LinAlgError):
+            return None
+        own = multipliers[len(multipliers) - len(problem.constraints.names) :]
+        self.penalty = max(self.penalty, 2 * float(np.abs(own).max(initial=0.0)))
+        d = scaled * size
+        predicted = -float(self.gradient @ d + 0.5 * d @ self.matrix @ d)
+        violation = problem.violation(self.theta)
+        return _Step(within_bounds(problem, self.theta + d), predicted + self.penalty * violation)
+
+    def negligible(self, step: _Step) -> bool:
+        """Whether the predicted gain of a step is negligible."""
+        problem = self.problem
+        if problem.violation(self.theta) > CONSTRAINT_TOLERANCE:
+            return False
+        variance = 2 * self.cost / max(problem.samples, 1)
+        unchanged = np.abs(step.theta - self.theta) <= 1e-12 * np.maximum(np.abs(self.theta), 1e-12)
+        least = max(self.tolerance * variance, ROUNDING * self.cost, problem.rounding)
+        return bool(step.predicted <= least or unchanged.all())
+
+    def merit(self, theta: np.ndarray, cost: float) -> float:
+        """Cost plus the penalty of constraint violations."""
+        violation = self.problem.violation(theta)
+        return cost + self.penalty * violation if np.isfinite(cost) and np.isfinite(violation) else np.inf
+
+    def magnitudes(self, start: np.ndarray) -> np.ndarray:
+        """Magnitude of each unknown; of one that is and was zero, what moves the outputs by their norm, or 1."""
+        size, sensitivity = np.maximum(np.abs(self.theta), np.abs(start)), np.sqrt(np.diag(self.matrix))
+        has_effect = np.isfinite(sensitivity) & (sensitivity > 1e-150)
+        natural = np.where(has_effect, _signal_norm(self.problem) / np.where(has_effect, sensitivity, 1.0), 1.0)
+        return np.where(size > 0, size, natural)
+
+
+def _signal_norm(problem: Problem) -> float:
+    """Norm of the weighted measured signals; 1 where they are all zero."""
+    return problem.size * np.sqrt(problem.samples) or 1.0
 
 
 def gauss_newton(
@@ -84,109 +174,20 @@ def gauss_newton(
     descent, ``coarse`` continues with such differences. After Ctrl-C the best so far is returned.
     Source: Nocedal and Wright, Numerical Optimization (2006), 10.3 and 18; damping as Nielsen, IMM-REP-1999-05.
     """
-    state = _State(start, *problem.normal(start, steps), steps=steps, tolerance=tolerance)
-    history, status = [state.cost], "limit"
+    search = _Search(problem, start, *problem.normal(start, steps), steps, tolerance)
+    history, status = [search.cost], "limit"
     try:
-        status = _search(problem, state, history, iterations, progress)
+        status = search.run(history, iterations, progress)
         for share in DIFFERENCE_STEPS if coarse and steps is None and status == "stalled" else ():
-            wide = share * _magnitudes(problem, state, start)
-            rough = attrs.evolve(state, steps=wide, damping=FIRST_DAMPING)
-            rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, wide)
-            ended = _search(problem, rough, history, iterations, progress)
-            if rough.cost >= state.cost * (1 - LEAST_GAIN):  # differences find no descent either
+            rough = attrs.evolve(search, steps=share * search.magnitudes(start), damping=FIRST_DAMPING)
+            rough.cost, rough.gradient, rough.matrix = problem.normal(rough.theta, rough.steps)
+            ended = rough.run(history, iterations, progress)
+            if rough.cost >= search.cost * (1 - LEAST_GAIN):  # differences find no descent either
                 break
-            state, status = rough, ended
+            search, status = rough, ended
     except KeyboardInterrupt:
         status = "interrupted"
+    evaluations = search.evaluations
     return OptimizerResult(
-        state.theta, state.cost, status, len(history) - 1, state.evaluations, tuple(history), state.steps
+        search.theta, search.cost, status, len(history) - 1, evaluations, tuple(history), search.steps
     )
-
-
-def _magnitudes(problem: Problem, state: _State, start: np.ndarray) -> np.ndarray:
-    """Magnitude of each unknown; of one that is and was zero, the change that moves the outputs by their norm, or 1."""
-    sensitivity, signal_norm = np.sqrt(np.diag(state.matrix)), problem.size * np.sqrt(problem.samples) or 1.0
-    size = np.maximum(np.abs(state.theta), np.abs(start))
-    has_effect = np.isfinite(sensitivity) & (sensitivity > 1e-150)
-    return np.where(size > 0, size, np.where(has_effect, signal_norm / np.where(has_effect, sensitivity, 1.0), 1.0))
-
-
-def _search(problem: Problem, state: _State, history: list[float], iterations: int, progress: ProgressCallback) -> str:
-    """Iterate until the search ends; returns the status."""
-    for _ in range(iterations):
-        ended = _iterate(problem, state)
-        history.append(state.cost)
-        progress("gauss-newton", state.evaluations, state.cost)
-        if ended:
-            return ended
-    return "limit"
-
-
-def _iterate(problem: Problem, state: _State) -> str:
-    """One step, with more damping until it reduces the merit; the status where the search ends, else ``""``."""
-    grow = 2.0
-    for _ in range(MOST_DAMPINGS):
-        step = _step(problem, state, state.damping)
-        if step is None:
-            return "stalled"
-        if _negligible(problem, state, step):
-            undamped = _step(problem, state, LEAST_DAMPING)  # only the damping may have made it negligible
-            return "converged" if undamped is None or _negligible(problem, state, undamped) else "stalled"
-        # Most steps are good, so derivatives are computed at once; of a step in doubt the cost alone.
-        new = problem.normal(step.theta, state.steps) if grow == 2.0 else None
-        cost = new[0] if new is not None else problem.cost(step.theta)
-        state.evaluations += 2 if new is not None else 1
-        gained = _merit(problem, state, state.theta, state.cost) - _merit(problem, state, step.theta, cost)
-        if gained > 1e-4 * step.predicted:
-            if new is None:
-                state.evaluations += 2
-            state.theta = step.theta
-            state.cost, state.gradient, state.matrix = new or problem.normal(step.theta, state.steps)
-            share = min(gained / step.predicted, 2.0)
-            state.damping = max(state.damping * max(1 / 5, 1 - (2 * share - 1) ** 3), LEAST_DAMPING)
-            return ""
-        state.damping, grow = max(state.damping, 1e-9) * grow, 2 * grow
-    return "stalled"
-
-
-def _step(problem: Problem, state: _State, damping: float) -> _Step | None:
-    """The step of the damped quadratic model, in variables scaled by the sensitivity of the outputs."""
-    sensitivity = np.sqrt(np.diag(state.matrix))
-    if not np.isfinite(state.matrix).all():
-        return None
-    signal_norm, initial = problem.size * np.sqrt(problem.samples) or 1.0, np.abs(problem.unknowns.start)
-    # Unknowns on which the outputs hardly depend must stay near their values; one that started at zero need not.
-    longest = np.where(initial > 0, LARGEST_CHANGE * np.maximum(np.abs(state.theta), initial) / signal_norm, np.inf)
-    size = np.where(
-        sensitivity > 1e-150, np.minimum(1 / np.maximum(sensitivity, 1e-150), longest), np.maximum(initial, 1e-6)
-    )
-    rows, bounds, equal = linearised_constraints(problem, state.theta)
-    matrix = state.matrix * size[:, None] * size  # one after the other: the product of two sizes may overflow
-    damped = matrix + damping * np.eye(len(size))
-    try:
-        scaled, multipliers = quadratic_step(damped, state.gradient * size, rows * size, bounds, equal)
-    except (Infeasible, np.linalg.LinAlgError):
-        return None
-    own = multipliers[len(multipliers) - len(problem.constraints.names) :]
-    state.penalty = max(state.penalty, 2 * float(np.abs(own).max(initial=0.0)))
-    d = scaled * size
-    predicted = -float(state.gradient @ d + 0.5 * d @ state.matrix @ d)
-    violation = problem.violation(state.theta)
-    return _Step(within_bounds(problem, state.theta + d), predicted + state.penalty * violation)
-
-
-def _negligible(problem: Problem, state: _State, step: _Step) -> bool:
-    """Whether the predicted gain of a step is negligible."""
-    if problem.violation(state.theta) > CONSTRAINT_TOLERANCE:
-        return False
-    variance = 2 * state.cost / max(problem.samples, 1)
-    unchanged = np.abs(step.theta - state.theta) <= 1e-12 * np.maximum(np.abs(state.theta), 1e-12)
-    return bool(
-        step.predicted <= max(state.tolerance * variance, ROUNDING * state.cost, problem.rounding) or unchanged.all()
-    )
-
-
-def _merit(problem: Problem, state: _State, theta: np.ndarray, cost: float) -> float:
-    """Cost plus the penalty of constraint violations."""
-    violation = problem.violation(theta)
-    return cost + state.penalty * violation if np.isfinite(cost) and np.isfinite(violation) else np.inf

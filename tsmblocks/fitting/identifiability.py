@@ -32,7 +32,7 @@ NO_INFLUENCE, COMBINATION, UNCERTAIN = "no influence", "combination", "uncertain
 
 @attrs.frozen
 class Undetermined:
-    """Something the data leave open.
+    """What is not identifiable from the data.
 
     ``kind`` is ``"no influence"`` (a parameter that changes nothing), ``"combination"`` (parameters that only
     matter together) or ``"uncertain"`` (an estimate whose interval is wider than the parameter itself).

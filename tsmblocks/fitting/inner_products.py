@@ -1,4 +1,4 @@
-"""Sums over long arrays that leave the threads of the matrix library asleep: waking them costs more than it saves."""
+"""Sums over long arrays without the threads of the matrix library, which cost more than they save here."""
 
 from __future__ import annotations
 

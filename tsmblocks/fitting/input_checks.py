@@ -9,7 +9,7 @@ import numpy as np
 from tsmblocks.data import Record
 
 PLAIN = 0.25
-"""Share of what a signal in proportion to the input leaves, that its rate has to explain. Chosen."""
+"""Share of the residual of a proportional model that the rate of the input has to explain. Chosen."""
 MOSTLY = 0.5
 """Share of an output that has to be in proportion to the input, and of the lead that a model has to show. Chosen."""
 PARTS = 4
@@ -53,11 +53,11 @@ def _lead(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
     slope = float(x @ y) / float(x @ x)
     along = rate - x * (float(x @ rate) / float(x @ x))
     rest = y - slope * x
-    size, left = float(along @ along), float(rest @ rest)
-    if not (size > 0 and left > 0):
+    size, unexplained = float(along @ along), float(rest @ rest)
+    if not (size > 0 and unexplained > 0):
         return 0.0
     gain = float(along @ rest) / size
-    plain = gain**2 * size >= PLAIN * left and abs(slope) * float(np.std(x)) >= MOSTLY * float(np.std(y))
+    plain = gain**2 * size >= PLAIN * unexplained and abs(slope) * float(np.std(x)) >= MOSTLY * float(np.std(y))
     proportion = slope - gain * float(x @ rate) / float(x @ x)
     return gain / proportion if plain and proportion != 0 else 0.0
 

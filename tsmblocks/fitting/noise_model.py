@@ -169,9 +169,9 @@ def best_order(products: np.ndarray, samples: int) -> int:
     most = len(products) - 1
     turned = np.r_[1 : most + 1, 0]
     factor = np.linalg.cholesky(_ridged(products)[np.ix_(turned, turned)])
-    left = np.cumsum(factor[-1, ::-1] ** 2)[::-1]
+    residual = np.cumsum(factor[-1, ::-1] ** 2)[::-1]
     k = np.arange(most + 1)
-    return int(np.argmin(samples * np.log(left) + 2 * (k + 1) * samples / np.maximum(samples - k - 2, 1)))
+    return int(np.argmin(samples * np.log(residual) + 2 * (k + 1) * samples / np.maximum(samples - k - 2, 1)))
 
 
 def _ridged(matrix: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ MARGIN = 1e-9
 
 @attrs.frozen
 class Unknown:
-    """One number to be found: a parameter of the diagram, in all experiments or (``experiment``) in one.
+    """One unknown: a parameter of the diagram, in all experiments or (``experiment``) in one.
 
     ``start`` is where the search begins, ``low`` and ``high`` the bounds, all in ``unit``.
     """
@@ -47,7 +47,7 @@ class Unknown:
 
 @attrs.frozen(eq=False)
 class Unknowns:
-    """All numbers to be found, and the map from them to the parameters ``p`` of each experiment.
+    """All unknowns, and the map from them to the parameters ``p`` of each experiment.
 
     ``order`` lists the names of ``p``; ``base`` holds the numbers that stay.
     """
@@ -324,10 +324,10 @@ def unknown(name: str, diagram: Diagram, fields: list[Field], own: tuple[float, 
     value = diagram.parameters[name]
     low, high = bounds_of(fields, value)
     if own is not None:
-        asked, (low, high) = own, (max(low, own[0]), min(high, own[1]))
+        low, high = max(low, own[0]), min(high, own[1])
         if not low < high:
             raise ParameterError(
-                f"bounds of '{name}': ({asked[0]:g}, {asked[1]:g}) leave nothing of what its block "
+                f"bounds of '{name}': ({own[0]:g}, {own[1]:g}) leave nothing of what its block "
                 f"allows, {fields[0].bounds() if fields else 'any number'}."
             )
     if not low <= value <= high:
@@ -341,7 +341,7 @@ def unknown(name: str, diagram: Diagram, fields: list[Field], own: tuple[float, 
 
 
 def _unit_of_port(name: str, diagram: Diagram, fields: list[Field]) -> str:
-    """The unit of a number that shares it with a port of its block, as the wires tell it; ``""`` where none does."""
+    """The unit of a number that shares it with a port of its block, read from the wires; ``""`` where none gives it."""
     block: Any = diagram
     *way, _ = name.split(".")
     for part in way:

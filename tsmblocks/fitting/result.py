@@ -254,8 +254,8 @@ class Fit:
 
     def __repr__(self) -> str:
         one = self.differences.in_degrees()
-        left = f"rms {one.rms:.4g} {one.unit}".rstrip()
-        return f"Fit({self.diagram.title!r}, {self.status}, {len(self.estimates)} numbers, {left})"
+        error = f"rms {one.rms:.4g} {one.unit}".rstrip()
+        return f"Fit({self.diagram.title!r}, {self.status}, {len(self.estimates)} numbers, {error})"
 
     def _repr_html_(self) -> str:
         return view("html", self)

@@ -299,7 +299,7 @@ def score(
 
 
 def simulated_differences(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
-    """Differences of a set-up under parameters of each experiment. Raises NotFinite where a run goes away."""
+    """Differences of a set-up under parameters of each experiment. Raises NotFinite where a simulation diverges."""
     made = list[Difference]()
     for experiment, p in zip(setup.experiments, parameters, strict=True):
         y, driven = experiment.outputs(p), _driven(setup.diagram, experiment.record, experiment.t)

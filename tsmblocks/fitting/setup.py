@@ -1,4 +1,4 @@
-"""From a diagram and recordings to a problem: names read, experiments made ready, a step chosen."""
+"""From a diagram and recordings to a problem: names read, experiments prepared, a step chosen."""
 
 from __future__ import annotations
 
@@ -221,10 +221,10 @@ def _items(
     known = numbers(diagram)
     if not names:
         raise ParameterError(f"nothing is free in this fit of '{diagram.title}': name parameters (free=['block.*']).")
-    asked = given_bounds(bounds, names, known)
+    given = given_bounds(bounds, names, known)
     made: list[Unknown] = []
     for name in names:
-        one = unknown(name, diagram, known[name], asked.get(name))
+        one = unknown(name, diagram, known[name], given.get(name))
         made += [attrs.evolve(one, experiment=e) for e in experiments] if name in own else [one]
     return tuple(made)
 

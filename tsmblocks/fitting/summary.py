@@ -129,12 +129,12 @@ def _step_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
 
 
 def _sizes(problem: Problem, theta: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-    """What counts as all of each unknown; of one that began at zero, what moves the outputs as far as they went."""
+    """Magnitude of each unknown; of one that started at zero, what changes the outputs by their own norm."""
     low, high, start = problem.unknowns.low, problem.unknowns.high, problem.unknowns.start
-    made, feel = sizes(theta, start, low, high), np.linalg.norm(jacobian, axis=0)
+    made, sensitivity = sizes(theta, start, low, high), np.linalg.norm(jacobian, axis=0)
     whole = problem.size * np.sqrt(problem.samples)
-    open_ = (start == 0) & ~np.isfinite(high - low) & (feel > 0) & (whole > 0)
-    natural = whole / np.where(open_, feel, 1.0)
+    open_ = (start == 0) & ~np.isfinite(high - low) & (sensitivity > 0) & (whole > 0)
+    natural = whole / np.where(open_, sensitivity, 1.0)
     return np.where(open_ & (natural < made), np.maximum(np.abs(theta), natural), made)
 
 
@@ -193,7 +193,7 @@ def _estimates(problem: Problem, setup: Setup, at: _Optimum) -> tuple[Estimate, 
 
 
 def rough_inputs(record: Record, eq: Equations) -> tuple[str, ...]:
-    """What to mind of the inputs whose rate drives a model, a sentence for each that is noisy or goes in steps."""
+    """What to mind of the inputs whose rate drives a model, a sentence for each that is noisy or quantised."""
     rates = (f.name.removeprefix("d/dt " * f.order) for f in eq.u if f.order and not f.block)
     return _cautions(record, tuple(dict.fromkeys(rates)))
 
