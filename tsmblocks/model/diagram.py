@@ -21,7 +21,7 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.model import edits, unit_inference, validation
 from tsmblocks.model.block import Block, Input, Output, is_reference, leaves, plain
-from tsmblocks.model.wires import End, Link, chains, not_a_block, short_name
+from tsmblocks.model.wires import End, Link, chains, end_text, not_a_block, short_name
 
 _PACKAGE = str(Path(__file__).parent.parent)
 DEEPEST = 64
@@ -146,7 +146,7 @@ class Diagram:
             "links": links,
             "wires": tuple(chains(links, self.blocks)),
             "inputs": _frozen({k: attrs.evolve(v, ports=ports[k]) for k, v in self.inputs.items()}),
-            "outputs": _frozen({k: ".".join(filter(None, end)) for k, end in checked.shown.items()}),
+            "outputs": _frozen({k: end_text(end) for k, end in checked.shown.items()}),
             "inlets": _frozen(checked.inlets),
             "shown": _frozen(checked.shown),
             "port_units": _frozen(checked.port_units),
@@ -185,7 +185,7 @@ class Diagram:
     @property
     def outports(self) -> dict[str, Output]:
         """Its outputs as ports."""
-        return {k: Output(f"signal {'.'.join(filter(None, end))}", self._unit_of(end)) for k, end in self.shown.items()}
+        return {k: Output(f"signal {end_text(end)}", self._unit_of(end)) for k, end in self.shown.items()}
 
     def _unit_of(self, *ends: End) -> str:
         return next((unit_inference.unit_label(self.port_units[e]) for e in ends if e in self.port_units), "")

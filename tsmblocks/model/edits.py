@@ -14,10 +14,11 @@ import attrs
 from tsmblocks.common.errors import DiagramError, ParameterError, near, several
 from tsmblocks.model.block import Block, leaves, map_leaves, plain
 from tsmblocks.model.validation import name_faults, wires_fault
-from tsmblocks.model.wires import End, Fault, Link, fault_sentence, inlet_links, not_a_block, parse_chain, resolve
+from tsmblocks.model.wires import Fault, Link, end_text, fault_sentence, inlet_links, not_a_block, parse_chain, resolve
 
 if TYPE_CHECKING:
     from tsmblocks.model.diagram import Diagram
+    from tsmblocks.model.wires import End
 
 
 def _fail(diagram: Diagram, *faults: str) -> DiagramError:
@@ -55,8 +56,8 @@ def _with_links(
 ) -> Diagram:
     """The diagram with these blocks and links, inputs and outputs included, and with further chains."""
     links, kept = list(links), list[Any]()
-    ports = {k: [".".join(x.target) for x in links if x.source == ("", k) and x.target[0]] for k in diagram.inputs}
-    shown = {x.target[1]: ".".join(filter(None, x.source)) for x in links if not x.target[0]}
+    ports = {k: [end_text(x.target) for x in links if x.source == ("", k) and x.target[0]] for k in diagram.inputs}
+    shown = {x.target[1]: end_text(x.source) for x in links if not x.target[0]}
     for wire in wires:
         head, _, rest = (part.strip() for part in wire.partition("->"))
         if head in ports and rest and "->" not in rest:

@@ -7,12 +7,12 @@ an integrator) pass units on, so a mismatch is found across them too.
 from __future__ import annotations
 
 import re
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections import defaultdict, deque
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from tsmblocks.common import units
-from tsmblocks.model.wires import End, Link, placed
+from tsmblocks.model.wires import End, Link, end_text, placed
 
 Interface = dict[str, tuple[str, units.Unit]]
 """Port -> the group of ports that share its unknown unit ("" where it is known), and its unit or power in the group."""
@@ -171,20 +171,14 @@ def _link_faults(survey: _Survey, links: list[Link], wrong: list[Link]) -> Itera
     if not wrong:
         return
     bad = set(wrong)
-    sound = ((x.source, x.target) for x in links if x not in bad)
-    beside = _neighbours([*sound, *survey.shared])
+    beside = defaultdict[Any, list[Any]](list)
+    for a, b in (*((x.source, x.target) for x in links if x not in bad), *survey.shared):
+        beside[a].append(b)
+        beside[b].append(a)
     for link in wrong:
-        a, b = survey.label(link.source), survey.label(link.target)
+        source, target = survey.label(link.source), survey.label(link.target)
         why = "".join(_reason(survey, beside, end) for end in (link.source, link.target))
-        yield placed(f"{link} joins {a} to {b}.{why} {_advice(a, b)}", link)
-
-
-def _neighbours(pairs: Iterable[tuple[Any, Any]]) -> dict[Any, list[Any]]:
-    beside: dict[Any, list[Any]] = {}
-    for a, b in pairs:
-        beside.setdefault(a, []).append(b)
-        beside.setdefault(b, []).append(a)
-    return beside
+        yield placed(f"{link} joins {source} to {target}.{why} {_advice(source, target)}", link)
 
 
 def _reason(survey: _Survey, beside: Mapping[Any, list[Any]], end: End) -> str:
@@ -195,10 +189,7 @@ def _reason(survey: _Survey, beside: Mapping[Any, list[Any]], end: End) -> str:
     while queue:
         node = queue.popleft()
         if node in survey.labels:
-            return (
-                f" {'.'.join(filter(None, end))} is in {survey.label(end)} because "
-                f"{'.'.join(filter(None, node))} is in {survey.labels[node]}."
-            )
+            return f" {end_text(end)} is in {survey.label(end)} because {end_text(node)} is in {survey.labels[node]}."
         more = [n for n in beside.get(node, ()) if n not in seen]
         seen.update(more)
         queue.extend(more)

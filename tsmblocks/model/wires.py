@@ -48,6 +48,11 @@ End = tuple[str, str]
 """A block and one of its ports; ``("", name)`` is an input or output of the diagram itself."""
 
 
+def end_text(end: End) -> str:
+    """``block.port``, or the name of an input or output of the diagram."""
+    return ".".join(filter(None, end))
+
+
 @attrs.frozen
 class Link:
     """A connection of two ends; ``place`` is where it was written."""

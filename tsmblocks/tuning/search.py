@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
-from itertools import pairwise
 
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import RunError
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions
@@ -76,6 +74,36 @@ class Linearised:
 
 
 @attrs.frozen(eq=False)
+class Measured:
+    """Sets of parameters with their ``results``: metrics and margins (sets,) by case and name.
+
+    ``goal`` and ``over`` (sets,) are the goal in the worst case and the largest excess of a limit, infinite where one
+    is not finite.
+    """
+
+    sets: Sequence[Mapping[str, float]]
+    results: Mapping[str, Mapping[str, np.ndarray]]
+    goal: np.ndarray
+    over: np.ndarray
+
+    def best(self, among: Sequence[int]) -> int:
+        """Of the sets within the limits that with the smallest goal, else that with the smallest excess."""
+        k = np.asarray(among)
+        return int(k[np.lexsort((self.goal[k], np.maximum(self.over[k], LIMIT_TOLERANCE)))[0]])
+
+    def agreeing(self, ends: Sequence[int], best: int) -> int:
+        """Number of ``ends`` of searches about as good as the best; the first set is the diagrams' own."""
+        over = np.maximum(self.over, LIMIT_TOLERANCE)
+        gained = self.goal[0] - self.goal[best] if np.isfinite(self.goal[0]) else 0.0
+        near = np.abs(self.goal - self.goal[best]) <= GOAL_TOLERANCE * max(abs(self.goal[best]), gained)
+        return int(np.sum((near & (over <= over[best] + GOAL_TOLERANCE))[ends]))
+
+    def of(self, k: int) -> dict[str, dict[str, float]]:
+        """The metrics of one set, by case and name."""
+        return {case: {name: float(v[k]) for name, v in each.items()} for case, each in self.results.items()}
+
+
+@attrs.frozen(eq=False)
 class Search:
     """The problem: cases, free parameters with bounds, the goal and the limits."""
 
@@ -111,11 +139,11 @@ class Search:
 
     # ---- runs without smoothing
 
-    def measured(self, sets: Sequence[Mapping[str, float]]) -> dict[str, dict[str, np.ndarray]]:
-        """Metrics and margins (sets,) of each case, without smoothing."""
+    def measured(self, sets: Sequence[Mapping[str, float]]) -> Measured:
+        """Metrics and margins of each case, without smoothing."""
         plan = table({name: [one[name] for one in sets] for name in self.bounds})
         texts = {one.given_name: one.text for one in self.metrics}
-        results = {}
+        results: dict[str, dict[str, np.ndarray]] = {}
         for case, diagram in self.cases.items():
             with no_step_warnings():
                 values = study(diagram, plan, texts, threads=self.threads, **self.options.arguments)
@@ -126,7 +154,11 @@ class Search:
                     results[case][one.name] = np.array(margins)
                 else:
                     results[case][one.name] = values[one.metric.given_name]
-        return results
+        goal = np.max([one[self.goal.given_name] for one in results.values()], axis=0)
+        over = [limit.excess(one[limit.name]) for limit in self.limits for one in results.values()]
+        most = np.max(over, axis=0) if over else np.full(len(goal), -np.inf)
+        bad = ~np.isfinite(goal) | np.isnan(most)
+        return Measured(sets, results, np.where(bad, np.inf, goal), np.where(bad, np.inf, most))
 
     def run_starts(self, own: Mapping[str, float]) -> list[RunStart]:
         """Starts of runs with the diagrams' ``own`` parameters, and in the first case with each at its bounds."""
@@ -140,14 +172,6 @@ class Search:
             starts += [attrs.evolve(one, label=named + one.label) for one in checked]
         return starts[:MOST_CHECKED]
 
-    def _scores(self, results: Mapping[str, Mapping[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-        """The goal in the worst case and the largest excess of a limit, each (sets,); infinite where not finite."""
-        goal = np.max([one[self.goal.given_name] for one in results.values()], axis=0)
-        over = [limit.excess(one[limit.name]) for limit in self.limits for one in results.values()]
-        most = np.max(over, axis=0) if over else np.full(len(goal), -np.inf)
-        bad = ~np.isfinite(goal) | np.isnan(most)
-        return np.where(bad, np.inf, goal), np.where(bad, np.inf, most)
-
     def promising(self, own: Mapping[str, float], count: int, seed: int) -> list[dict[str, float]]:
         """The best of some random sets, those that meet the limits first.
 
@@ -156,17 +180,27 @@ class Search:
         """
         plan = latin_hypercube(self.bounds, max(RANDOM_SETS, 4 * count), seed=seed)
         sets = [plan.row(k) for k in range(len(plan) if count else 0)]
-        goal, over = (side[1:] for side in self._scores(self.measured([own, *sets])))
+        measured = self.measured([own, *sets])
+        goal, over = measured.goal[1:], measured.over[1:]
         if sets and not np.any(over <= LIMIT_TOLERANCE):
             low = np.random.default_rng(seed).random((len(sets), len(self.bounds))) < 1 / 2
             more = [
                 {name: self.bounds[name].low if off else row[name] for name, off in zip(row, mask, strict=True)}
                 for row, mask in zip(sets, low, strict=True)
             ]
-            goals, excess = self._scores(self.measured(more))
-            sets, goal, over = [*sets, *more], np.append(goal, goals), np.append(over, excess)
+            measured = self.measured(more)
+            sets, goal, over = [*sets, *more], np.append(goal, measured.goal), np.append(over, measured.over)
         order = np.lexsort((goal, np.maximum(over, LIMIT_TOLERANCE)))
         return [sets[k] for k in order[:count] if np.isfinite(goal[k])]
+
+    def idle(self, values: Mapping[str, float]) -> list[str]:
+        """Parameters without effect on the goal and the limits, from bound to bound."""
+        sets = [{**values, name: end} for name, one in self.bounds.items() for end in (one.low, one.high)]
+        measured = self.measured([values, *sets])
+        goal, over = measured.goal, measured.over
+        same_excess = (over == over[0]) | np.isclose(over, over[0], rtol=IDLE_TOLERANCE)
+        same = np.isclose(goal, goal[0], rtol=IDLE_TOLERANCE, atol=0) & same_excess
+        return [name for k, name in enumerate(self.bounds) if same[2 * k + 1 : 2 * k + 3].all()]
 
     # ---- one search
 
@@ -306,62 +340,3 @@ class Search:
         """The derivative of a parameter by its scaled value."""
         one = self.bounds[name]
         return value * math.log(one.high / one.low) if one.log else one.high - one.low
-
-    # ---- result
-
-    def idle(self, values: Mapping[str, float]) -> list[str]:
-        """Parameters without effect on the goal and the limits, from bound to bound."""
-        sets = [{**values, name: end} for name, one in self.bounds.items() for end in (one.low, one.high)]
-        goal, over = self._scores(self.measured([values, *sets]))
-        same_excess = (over == over[0]) | np.isclose(over, over[0], rtol=IDLE_TOLERANCE)
-        same = np.isclose(goal, goal[0], rtol=IDLE_TOLERANCE, atol=0) & same_excess
-        return [name for k, name in enumerate(self.bounds) if same[2 * k + 1 : 2 * k + 3].all()]
-
-    def judged(self, own: Mapping[str, float], trails: Sequence[Sequence[Mapping[str, float]]]) -> Judged:
-        """The diagrams' ``own`` parameters and all sets of the trails, measured."""
-        sets = [own, *(one for trail in trails for one in trail)]
-        results = self.measured(sets)
-        goal, over = self._scores(results)
-        edges = np.cumsum([1, *(len(trail) for trail in trails)])
-        ends = [_best(goal, over, np.arange(a, b)) for a, b in pairwise(edges) if a < b]
-        return Judged(sets, results, goal, over, np.array(ends))
-
-
-@attrs.frozen(eq=False)
-class Judged:
-    """Sets of parameters, the diagrams' own first, with their ``results``: metrics (sets,) by case and name.
-
-    ``goal`` and ``over`` (sets,) are the goal in the worst case and the largest excess of a limit; ``ends`` are the
-    positions of the best set of each trail.
-    """
-
-    sets: Sequence[Mapping[str, float]]
-    results: Mapping[str, Mapping[str, np.ndarray]]
-    goal: np.ndarray
-    over: np.ndarray
-    ends: np.ndarray
-
-    @property
-    def best(self) -> int:
-        """Position of the best set. Raises RunError where no run of any set comes to its end."""
-        k = _best(self.goal, self.over, self.ends)
-        if not np.isfinite(self.goal[k]):
-            raise RunError("no set of parameters was found with which every case runs to its end.")
-        return k
-
-    @property
-    def agreeing(self) -> int:
-        """Number of trails with a set about as good as the best."""
-        best, over = self.best, np.maximum(self.over, LIMIT_TOLERANCE)
-        gained = self.goal[0] - self.goal[best] if np.isfinite(self.goal[0]) else 0.0
-        near = np.abs(self.goal - self.goal[best]) <= GOAL_TOLERANCE * max(abs(self.goal[best]), gained)
-        return int(np.sum((near & (over <= over[best] + GOAL_TOLERANCE))[self.ends]))
-
-    def of(self, k: int) -> dict[str, dict[str, float]]:
-        """The metrics of one set, by case and name."""
-        return {case: {name: float(v[k]) for name, v in each.items()} for case, each in self.results.items()}
-
-
-def _best(goal: np.ndarray, over: np.ndarray, among: np.ndarray) -> int:
-    """Of the sets within the limits that with the smallest goal, else that with the smallest excess."""
-    return int(among[np.lexsort((goal[among], np.maximum(over[among], LIMIT_TOLERANCE)))[0]])

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from tsmblocks.common.arguments import as_callback, as_integer
-from tsmblocks.common.errors import ParameterError, in_words
+from tsmblocks.common.errors import ParameterError, RunError, in_words
 from tsmblocks.metrics.metrics import Metric, metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
@@ -126,23 +129,27 @@ def tune(
     trails, status = _searches(search, starting_points, report)
     if all(one.low <= own[name] <= one.high for name, one in bounds.items()):
         trails[0].insert(0, own)  # the result is never worse
-    judged = search.judged(own, trails)
-    best = judged.best
-    values = dict(judged.sets[best])
+    measured = search.measured([own, *(one for trail in trails for one in trail)])
+    edges = np.cumsum([1, *map(len, trails)])
+    ends = [measured.best(range(a, b)) for a, b in pairwise(edges) if a < b]
+    best = measured.best(ends)
+    if not np.isfinite(measured.goal[best]):
+        raise RunError("no set of parameters was found with which every case runs to its end.")
+    values = dict(measured.sets[best])
     return Tuned(
         values=values,
         diagrams={name: d.with_parameters(values) for name, d in named.items()},
         objective=goal.given_name,
         units=search.units,
-        before=judged.of(0),
-        after=judged.of(best),
-        met=bool(judged.over[best] <= LIMIT_TOLERANCE),
+        before=measured.of(0),
+        after=measured.of(best),
+        met=bool(measured.over[best] <= LIMIT_TOLERANCE),
         status=status,
         own=own,
         bounds={name: (one.low, one.high) for name, one in bounds.items()},
         limits=limits,
-        starts=len(judged.ends),
-        agreeing=judged.agreeing,
+        starts=len(ends),
+        agreeing=measured.agreeing(ends, best),
         idle=tuple(search.idle(values)),
         hunting=() if values == own else tuple(hunting(search, own, values)),
     )
