@@ -106,8 +106,7 @@ class DiscreteStateSpace(Block):
 
     .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k + D u_k
 
-    Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more, unless they have
-    names of their own, such as ``"motor [V]"``. Without D no input reaches an output at the same sample.
+    Ports are named as those of ``StateSpace``. Without D no input reaches an output at the same sample.
     """
 
     source = "Åström and Wittenmark, Computer-Controlled Systems, section 2.3"

@@ -122,10 +122,7 @@ def matrix_states(block: Any) -> dict[str, State]:
 
 def names_of(what: str, usual: str) -> Any:
     """An option for names of ports or states."""
-    return option(
-        default=(),
-        about=f"names of the {what}, with units where they have one, such as 'a [rad]'; an empty list means {usual}",
-    )
+    return option(default=(), about=f"names of the {what}, such as 'a' or 'a [rad]'; an empty list means {usual}")
 
 
 def _name_and_unit(text: str) -> tuple[str, str]:
@@ -152,16 +149,13 @@ def check_matrices(block: Any) -> None:
     if any(len(row) != n for row in block.A):
         lengths = ", ".join(str(len(row)) for row in block.A)
         raise ParameterError(f"{owner}.A must be square, got {n} row{'s' * (n > 1)} of length {lengths}.")
-    for name, rows, columns in (("A", n, n), ("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
+    for name, rows, columns in (("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
         matrix = getattr(block, name)
-        if not matrix and (not n or name == "D"):
-            continue
-        if len(matrix) != rows or any(len(row) != columns for row in matrix):
+        missing = not matrix and (not n or name == "D")
+        if not missing and (len(matrix) != rows or any(len(row) != columns for row in matrix)):
             lengths = ", ".join(str(len(row)) for row in matrix) or "none"
-            raise ParameterError(
-                f"{owner}.{name} must have {rows} rows of {columns}, as the other matrices have it, "
-                f"got rows of length {lengths}."
-            )
+            wanted = f"{rows} rows of {columns}, as the other matrices have it"
+            raise ParameterError(f"{owner}.{name} must have {wanted}, got rows of length {lengths}.")
     check_initial(owner, block.x0, n)
     _check_names(block)
 
@@ -176,9 +170,8 @@ def _check_names(block: Any) -> None:
         for text in names:
             name = _checked(field, text)
             if name in taken:
-                raise ParameterError(
-                    f"{field}: '{name}' is taken already; states, inputs and outputs need names of their own."
-                )
+                own = "states, inputs and outputs need names of their own"
+                raise ParameterError(f"{field}: '{name}' is taken already; {own}.")
             taken.add(name)
 
 
@@ -186,10 +179,8 @@ def _checked(field: str, text: Any) -> str:
     """The name in a text such as ``"a [rad]"``; raises ParameterError where there is none, or no unit."""
     name, unit = _name_and_unit(text) if isinstance(text, str) else ("", "")
     if not name or iskeyword(name):
-        raise ParameterError(
-            f"{field}: {in_words(text)} is no name. Write letters, digits and underscores, and a unit "
-            "in brackets where there is one, such as 'a [rad]'."
-        )
+        write = "Write letters, digits and underscores, and a unit in brackets where there is one, such as 'a [rad]'."
+        raise ParameterError(f"{field}: {in_words(text)} is no name. {write}")
     try:
         parse(unit)
     except UnitError as error:

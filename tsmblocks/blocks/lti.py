@@ -91,15 +91,13 @@ class ZeroPoleGain(Block):
         for name in ("zero_pairs", "pole_pairs"):
             for k, row in enumerate(getattr(self, name)):
                 if not isinstance(row, tuple) or len(row) != 2:
-                    raise ParameterError(
-                        f"ZeroPoleGain.{name}[{k}] must be a real and an imaginary part, got {in_words(row)}."
-                    )
-        above = len(self.zeros) + 2 * len(self.zero_pairs)
-        if above > self._order():
-            raise ParameterError(
-                f"ZeroPoleGain must be proper: no more zeros than poles, got {above} zeros and {self._order()} poles."
-            )
-        systems.check_initial("ZeroPoleGain", self.x0, self._order())
+                    field = f"ZeroPoleGain.{name}[{k}]"
+                    raise ParameterError(f"{field} must be a real and an imaginary part, got {in_words(row)}.")
+        zeros, poles = len(self.zeros) + 2 * len(self.zero_pairs), self._order()
+        if zeros > poles:
+            counts = f"{zeros} zeros and {poles} poles"
+            raise ParameterError(f"ZeroPoleGain must be proper: no more zeros than poles, got {counts}.")
+        systems.check_initial("ZeroPoleGain", self.x0, poles)
 
     def _order(self) -> int:
         return len(self.poles) + 2 * len(self.pole_pairs)
@@ -205,9 +203,8 @@ def from_control(system: Any) -> Block:
     import control
 
     if not isinstance(system, (control.TransferFunction, control.StateSpace)):
-        raise BlockError(
-            f"from_control takes a TransferFunction or StateSpace of python-control, got {type(system).__name__}."
-        )
+        got = type(system).__name__
+        raise BlockError(f"from_control takes a TransferFunction or StateSpace of python-control, got {got}.")
     if system.dt is True:
         raise BlockError(
             "from_control needs the sample time, but this system has dt=True (sampled, period unknown). "

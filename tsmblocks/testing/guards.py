@@ -25,15 +25,16 @@ def read_guards(path: Path) -> dict[str, Guard]:
     diagram, how = page.named_diagram(), page.run_arguments(("stop", "step"), ("method",))
     usual = page.value("a class of tolerance", str, page.content.get("tolerance", "normal"), "tolerance")
     given = page.section("metrics") if "metrics" in page.content else None
-    texts = None if given is None else {k: _text(page, k, one) for k, one in given.items()}
-    classes = usual if given is None else {named(k)[0]: _tolerance_class(one, usual) for k, one in given.items()}
+    read = {name: _metric(page, name, one, usual) for name, one in (given or {}).items()}
+    texts = None if given is None else {name: text for name, (text, _) in read.items()}
+    classes = usual if given is None else {named(name)[0]: kind for name, (_, kind) in read.items()}
     cases = {k: page.value("a table of parameters", dict, v, "cases", k) for k, v in page.section("cases").items()}
     if diagram is None:
         page.raise_faults()
     assert diagram is not None
-    for name, text in (texts or {}).items():
+    for name, (text, kind) in read.items():
         if text is not None:
-            page.attempt(partial(guard, diagram, {name: text}, classes[named(name)[0]], {}), "metrics", name)
+            page.attempt(partial(guard, diagram, {name: text}, kind, {}), "metrics", name)
     page.raise_faults()
     made = {}
     for case, changes in (cases or {"": {}}).items():
@@ -43,17 +44,12 @@ def read_guards(path: Path) -> dict[str, Guard]:
     return made
 
 
-def _text(page: RunPage, name: str, given: Any) -> Any:
-    """The text of a metric, alone or in a table; None where there is none."""
+def _metric(page: RunPage, name: str, given: Any, usual: str) -> tuple[Any, Any]:
+    """Text and tolerance class of a metric, which is a text or a table of both; None where there is no text."""
     if not isinstance(given, Mapping):
-        return given
+        return given, usual
     page.known_keys(given, ("of", "tolerance"), ("metrics", name), "a metric")
     if "of" not in given:
         expected = '{ of = "rms(u)", tolerance = "loose" }'
         page.fault(("metrics", name), f"a metric with a tolerance has its text under of: {expected}.")
-    return given.get("of")
-
-
-def _tolerance_class(given: Any, usual: str) -> Any:
-    """The tolerance class of a metric; ``usual`` where it has none of its own."""
-    return given.get("tolerance", usual) if isinstance(given, Mapping) else usual
+    return given.get("of"), given.get("tolerance", usual)

@@ -25,12 +25,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Declare the options."""
     group = parser.getgroup("tracking", "regression tests on tracking error")
     group.addoption("--tracking-accept", action="store_true", help="write the metrics of now as the new baselines")
-    group.addoption(
-        "--tracking-pictures",
-        metavar="DIR",
-        default="tracking-failures",
-        help="where pictures of changed signals are drawn (default: tracking-failures)",
-    )
+    pictures = "where pictures of changed signals are drawn (default: tracking-failures)"
+    group.addoption("--tracking-pictures", metavar="DIR", default="tracking-failures", help=pictures)
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
