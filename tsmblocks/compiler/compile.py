@@ -26,11 +26,12 @@ def compile_diagram(diagram: Diagram) -> Equations:
     """
     flat = FlatDiagram(diagram)
     between = Evaluator(flat, held=True)
-    between.form_all()
-    names, signals = _signals(flat, between)
+    between.form(("y", path, port) for path, block in flat.blocks.items() for port in block.outports)
+    between.form(("dx", *key) for key in flat.x)
+    signals = _signals(flat, between)
     update = _update(flat, between)  # may add derivatives of inputs that nothing else needs
     pasts, value, p = flat.pasts.values(), between.value, _column(list(flat.p.values()))
-    results = ([value["dx", *key] for key in flat.x], signals, [value[one.source] for one in pasts])
+    results = ([value["dx", *key] for key in flat.x], list(signals.values()), [value[one.source] for one in pasts])
     rhs = ca.Function("rhs", _reads(flat, between), [_column(part) for part in results], *RHS)
     begin = (_initial(flat, flat.x), _initial(flat, flat.d), [one.initial for one in pasts])
     start = ca.Function("start", [p], [ca.densify(_column(values)) for values in begin], *START)
@@ -41,7 +42,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
         d=tuple(flat.d_name(k) for k in flat.d),
         u=tuple(between.sampled_inputs()),
         p=tuple(flat.p),
-        y=tuple(names),
+        y=tuple(signals),
         q=tuple(".".join(k) for k in flat.pasts),
         min_delay_steps=tuple(0 if one.past.now else 1 for one in pasts),
         rhs=rhs,
@@ -50,7 +51,7 @@ def compile_diagram(diagram: Diagram) -> Equations:
         lag=lag,
         periods=tuple(flat.periods),
         aliases={k: flat.signal_name(end) for k, end in flat.shown.items()},
-        units=_units(diagram, flat, names),
+        units=_units(diagram, flat, signals),
         tapes={k: functools.partial(b.tapes, name=k) for k, b in flat.blocks.items() if b.tape_ports},
         every_step=any(not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()),
         reads={k: (type(b).__name__, flat.reads(k)) for k, b in flat.blocks.items()},
@@ -82,24 +83,15 @@ def _column(elements: list[Any]) -> Any:
     return ca.vertcat(*elements) if elements else ca.SX(0, 1)
 
 
-def _signals(flat: FlatDiagram, evaluator: Evaluator) -> tuple[list[str], list[Any]]:
-    """Names and expressions of all signals that can be logged: inputs, outputs of blocks as evaluated, states."""
-    names = list(flat.inputs)
-    values = [evaluator.value[("u", k)] for k in flat.inputs]
-    for node, value in evaluator.value.items():
-        if node[0] == "y":
-            names.append(f"{node[1]}.{node[2]}")
-            values.append(value)
-    known = set(names)
-    for key, symbol in [*evaluator.x.items(), *evaluator.d.items()]:
-        name = ".".join(key)
-        if not is_held_output(key) and name not in known:  # a held output is logged as evaluated
-            names.append(name)
-            values.append(symbol)
-    return names, values
+def _signals(flat: FlatDiagram, evaluator: Evaluator) -> dict[str, Any]:
+    """Expressions of all signals that can be logged: inputs, outputs of blocks as evaluated, states."""
+    signals = {name: evaluator.value["u", name] for name in flat.inputs}
+    signals |= {f"{node[1]}.{node[2]}": value for node, value in evaluator.value.items() if node[0] == "y"}
+    states = {".".join(k): v for k, v in (*evaluator.x.items(), *evaluator.d.items()) if not is_held_output(k)}
+    return signals | {name: v for name, v in states.items() if name not in signals}
 
 
-def _units(diagram: Diagram, flat: FlatDiagram, names: list[str]) -> dict[str, str]:
+def _units(diagram: Diagram, flat: FlatDiagram, names: Iterable[str]) -> dict[str, str]:
     """Units of signals, where they are known."""
     found = {name: diagram.unit(name) for name in names}
     for key, block in flat.blocks.items():

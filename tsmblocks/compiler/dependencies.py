@@ -47,10 +47,9 @@ _CACHE: dict[Any, Structure] = {}
 def structure_of(block: Block) -> Structure:
     """The structure of a block, cached. Raises EquationError when its equations and its declarations disagree."""
     key = (type(block), tuple((k, _shape(v)) for k, v in block.parameters.items()), tuple(block.options.items()))
-    found = _CACHE.get(key)
-    if found is None:
-        found = _CACHE[key] = _analysed(block)
-    return found
+    if key not in _CACHE:
+        _CACHE[key] = _analysed(block)
+    return _CACHE[key]
 
 
 def _shape(value: Any) -> Any:

@@ -2,7 +2,8 @@
 
 A node is an output of a block, the derivative of a state, the time derivative of a signal, or a past value. It is
 formed when all nodes that it reads are formed. A node that is needed while it is being formed is part of an algebraic
-loop, and the stack is the path of the loop. There is no recursion, so chains may be long.
+loop, and the stack is the path of the loop. There is no recursion, so chains may be long. Past values are expressions
+of what the engine stores of a signal.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ import casadi as ca
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
 from tsmblocks.compiler.dependencies import EQUATIONS, call
 from tsmblocks.compiler.flatten import FlatDiagram, Node, is_held_output
-from tsmblocks.compiler.past_values import held_past, interpolated_past
 from tsmblocks.engine.equations import DELAY_NUMBERS, SampledInput
 from tsmblocks.model.block import signals
 
@@ -51,12 +51,6 @@ class Evaluator:
         self.hit = ca.SX.sym("hit", len(flat.periods))
 
     # ---- results, for ``compile``
-
-    def form_all(self) -> None:
-        """Form every output and every derivative."""
-        flat = self.flat
-        self.form(("y", path, port) for path, block in flat.blocks.items() for port in block.outports)
-        self.form(("dx", *key) for key in flat.x)
 
     def updates(self) -> tuple[list[Any], list[Any], Any]:
         """Memory and held outputs after a sample instant, continuous states after it, and ``hit``."""
@@ -292,13 +286,11 @@ class Evaluator:
                 f"{ring} needs its own value at the same instant: a derivative takes away the state it is "
                 "wired to. Put a FilteredDerivative in the place of the exact one."
             )
-        at, remedy = (
-            "one instant",
-            "a block that has a state (a lag, an integrator), with a Delay, or with a sampled block.",
-        )
+        states = "a block that has a state (a lag, an integrator)"
         if any(node[0] == "y" and node[1] in self.flat.group for node in nodes):
-            at, remedy = "a sample", "a UnitDelay, or with a block that has a state (a lag, an integrator)."
+            at, remedy = "a sample", f"a UnitDelay, or with {states}."
         else:
+            at, remedy = "one instant", f"{states}, with a Delay, or with a sampled block."
             remedy += self._zero_coefficient_hint(nodes)
         return f"{ring} has no state in it, so its value at {at} depends on itself. Break it with {remedy}"
 
@@ -319,3 +311,52 @@ class Evaluator:
             f" Now {' and '.join(idle)} would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, "
             "counts as a path until it is left out."
         )
+
+
+def interpolated_past(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
+    """The value of a signal ``delay`` s before ``t``: on the cubic through four instants, fewer near the start.
+
+    Both curves are Newton polynomials of at most third order: through the stored instants, a step apart, by backward
+    differences; through ``now`` and the newest stored instants, which need not be a step apart, by divided differences.
+
+    ``kept`` are the stored numbers (``DELAY_NUMBERS``). ``first`` is the value before the start (None: the first stored
+    one). ``now`` is the present value (None: it may not take part); it is the newest point where the wanted instant
+    lies after all stored ones.
+    """
+    *values, newest, per_second, count = kept
+    y0, y1, y2, y3 = values
+    since = (t - delay - newest) * per_second  # steps from the newest stored instant to the wanted one
+
+    def if_known(n: int, value: Any) -> Any:
+        """A difference that needs so many instants, and counts as zero without."""
+        return ca.if_else(count >= n, value, 0.0)
+
+    d1, d2 = y3 - y2, y3 - 2 * y2 + y1
+    d3 = if_known(4, (y3 - 3 * y2 + 3 * y1 - y0) / 3)
+    value = y3 + since * (if_known(2, d1) + (since + 1) / 2 * (if_known(3, d2) + (since + 2) * d3))
+    # ``passed``: steps from the first stored instant to the wanted one
+    passed, before = ca.fmax(count - 1, 0.0) + since + _rounding(t, per_second), y3 if first is None else first
+    if now is None:
+        return ca.if_else(ca.floor(passed) < 0, before, value)
+    # In steps: from now back to the wanted instant, and from the newest stored instant to now.
+    back, away = -delay * per_second, ca.if_else(count >= 1, (t - newest) * per_second, 1.0)
+    e1 = if_known(1, (now - y3) / away)
+    e2 = if_known(2, (e1 - d1) / (away + 1))
+    e3 = if_known(3, (e2 - d2 / 2) / (away + 2))
+    recent = now + back * (e1 + (back + away) * (e2 + (back + away + 1) * e3))
+    value = ca.if_else(ca.logic_or(since > 0, count < 1), recent, value)
+    before = ca.if_else(count < 1, now, y3) if first is None else first
+    return ca.if_else(passed < 0, before, value)
+
+
+def held_past(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
+    """As ``interpolated_past``, for a signal that is constant within steps: its jumps stay jumps."""
+    y0, y1, y2, y3, newest, per_second, count = kept
+    back = ca.floor((t - delay - newest) * per_second + _rounding(t, per_second))
+    value = ca.if_else(back >= 0, y3, ca.if_else(back >= -1, y2, ca.if_else(back >= -2, y1, y0)))
+    return ca.if_else(ca.fmax(count - 1, 0.0) + back < 0, y3 if first is None else first, value)
+
+
+def _rounding(t: Any, per_second: Any) -> Any:
+    """Steps by which rounding may move an instant off the grid."""
+    return 1e-10 + 4e-15 * ca.fabs(t) * per_second

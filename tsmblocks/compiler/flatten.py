@@ -56,7 +56,6 @@ class FlatDiagram:
     """
 
     def __init__(self, diagram: Diagram) -> None:
-        self.diagram = diagram
         self.title, self.where = diagram.title, diagram.where
         self.t = ca.SX.sym("t")
         self.blocks: dict[str, Block] = {}  # as given

@@ -147,17 +147,14 @@ def compile_text(text: str, *, promote: bool, quick: bool = False) -> Any:
     with _LOCK:
         machine, identity = _machine(llvm, quick)
         key = hashlib.sha256(f"{identity}|{promote}|{text}".encode()).hexdigest()
-        if key in _LOADED:
-            return _LOADED[key][1]
-        body = _object(llvm, machine, key, text, promote)
-        engine = llvm.create_mcjit_compiler(_module(llvm, ""), machine)
-        engine.add_object_file(llvm.ObjectFileRef.from_data(body))
-        engine.finalize_object()
-        address = engine.get_function_address("run")
-        function = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(address)
-        function.engine = engine  # type: ignore[attr-defined] # keeps the code alive as long as the function
-        _LOADED[key] = (engine, function)
-        return function
+        if key not in _LOADED:
+            engine = llvm.create_mcjit_compiler(_module(llvm, ""), machine)
+            engine.add_object_file(llvm.ObjectFileRef.from_data(_object(llvm, machine, key, text, promote)))
+            engine.finalize_object()
+            function: Any = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(engine.get_function_address("run"))
+            function.engine = engine  # keeps the code alive as long as the function
+            _LOADED[key] = (engine, function)
+        return _LOADED[key][1]
 
 
 def _module(llvm: Any, text: str) -> Any:
@@ -169,8 +166,7 @@ def _module(llvm: Any, text: str) -> Any:
 def _object(llvm: Any, machine: Any, key: str, text: str, promote: bool) -> bytes:
     """Object code, from the cache or compiled."""
     directory = cache_directory()
-    usable = directory is not None and _private(directory)
-    path = directory / f"{key}.o" if usable and directory is not None else None
+    path = directory / f"{key}.o" if directory is not None and _private(directory) else None
     body = _read(path) if path is not None else None
     if body is None:
         module = _module(llvm, text)

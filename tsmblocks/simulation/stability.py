@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.common.tables import few
-from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations, numbers
+from tsmblocks.engine.equations import DELAY_SAMPLES, Equations, numbers
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.methods import Method
@@ -98,23 +98,19 @@ def set_text(numbers: Mapping[str, Any]) -> str:
 
 def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> tuple[complex, str] | None:
     """The fastest decaying pole that grows under the method, with the state it belongs to; None if there is none."""
-    eq, p, start = run.eq, run.p, run.start
+    eq = run.eq
     if not eq.x:
         return None
-    q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))  # delays have no past yet
-    tiny = 1e-6 * h  # [s], by which a zero-order hold is read after a jump
-    u = np.array([s.at(np.array([start]), order, tiny)[0] for s, order in run.signals])
-    x, d = (run.memory.x, run.memory.d) if run.memory else numbers(eq.start, p)[:2]
-    jacobian = _jacobian(eq)(start, x, d, u if len(u) else np.zeros(len(eq.u)), q, p)
+    jacobian = _start_jacobian(run, h)
     if len(eq.x) <= MOST_STATES:
         a = np.asarray(jacobian)
         if not np.isfinite(a).all():
             return None  # the run reports what is not finite, and where
         values, vectors = np.linalg.eig(a)
-        owners = [int(np.argmax(np.abs(v))) for v in vectors.T]
+        owners = np.argmax(np.abs(vectors), axis=0)
     else:
         values = np.asarray(ca.diag(jacobian)).ravel().astype(complex)
-        owners = list(range(len(values)))
+        owners = np.arange(len(values))
     growing = [k for k, z in enumerate(values) if z.real < 0 and np.isfinite(z) and rule.grows(h * complex(z))]
     if not growing:
         return None
@@ -124,9 +120,17 @@ def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> tuple[complex
 
 def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
     """Poles of the equations at the initial states, with inputs of zero; none where they are not finite."""
-    x, d, _ = numbers(eq.start, p)
-    a = np.asarray(_jacobian(eq)(0.0, x, d, np.zeros(len(eq.u)), np.zeros(DELAY_NUMBERS * len(eq.q)), p))
+    a = np.asarray(_start_jacobian(RunStart(eq, p), np.inf))
     return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
+
+
+def _start_jacobian(run: RunStart, h: float) -> Any:
+    """d(dx)/dx at the start of a run with steps of ``h`` s; delays have no past yet, and a jump has just passed."""
+    eq, p, start = run.eq, run.p, run.start
+    q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))
+    u = [s.at(np.array([start]), order, 1e-6 * h)[0] for s, order in run.signals] or np.zeros(len(eq.u))
+    x, d = (run.memory.x, run.memory.d) if run.memory else numbers(eq.start, p)[:2]
+    return _jacobian(eq)(start, x, d, u, q, p)
 
 
 @functools.lru_cache(maxsize=64)
