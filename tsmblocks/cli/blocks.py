@@ -85,12 +85,9 @@ def _value(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else str(value).lower()
 
 
-def _limits(parameter: dict[str, Any]) -> str:
-    if parameter["choices"]:
-        return "one of " + ", ".join(map(str, parameter["choices"]))
-    return "" if parameter["bounds"] == "(-inf, inf)" else f"in {parameter['bounds']}"
-
-
 def _about(parameter: dict[str, Any]) -> str:
-    kind = {"state": "initial state: ", "option": "option: "}.get(parameter["kind"], "")
-    return "; ".join(filter(None, [f"{kind}{parameter['about']}", _limits(parameter)]))
+    text = {"state": "initial state: ", "option": "option: "}.get(parameter["kind"], "") + parameter["about"]
+    limits = "" if parameter["bounds"] == "(-inf, inf)" else f"in {parameter['bounds']}"
+    if parameter["choices"]:
+        limits = f"one of {', '.join(map(str, parameter['choices']))}"
+    return "; ".join(filter(None, [text, limits]))

@@ -21,8 +21,6 @@ INTERRUPTED = 130
 RESULTS = (".csv", ".npz", ".mat")
 PICTURES = (".png", ".svg", ".pdf")
 """Endings of files of results, and of figures."""
-
-
 DIAGRAMS, BLOCKS, FILES, FOLDERS = "diagrams", "blocks", "files", "folders"
 """Kinds of values that a shell can complete, beside fixed words."""
 METHODS, HOLDS, BACKENDS = ("euler", "heun", "rk4"), ("zero", "linear", "cubic"), ("llvm", "casadi")
@@ -38,11 +36,9 @@ class Formatter(argparse.HelpFormatter):
     """Help in lines as wide as the terminal; what is indented (an example) stays as it is."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        parts = [
-            part if part.startswith(" ") else wrap(" ".join(part.split()), width)
-            for part in text.strip("\n").split("\n\n")
-        ]
-        return textwrap.indent("\n\n".join(parts), indent)
+        parts = text.strip("\n").split("\n\n")
+        filled = (part if part.startswith(" ") else wrap(" ".join(part.split()), width) for part in parts)
+        return textwrap.indent("\n\n".join(filled), indent)
 
 
 class Parser(argparse.ArgumentParser):

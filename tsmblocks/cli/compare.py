@@ -67,7 +67,10 @@ def execute(args: argparse.Namespace) -> int:
         print(f"{_heading(args)}\n\n{by_file(results) if args.each else results['']}")
     written = _save(results, out)
     if plot:
-        _figure(results, args.each).savefig(plot, dpi=150)
+        from tsmblocks.plots import plot_comparison, plot_each
+
+        figure = plot_each(results) if args.each else plot_comparison(results[""])
+        figure.savefig(plot, dpi=150)
         written.append(str(plot))
     facts = {"format": 1, "each": {name: one.to_dict() for name, one in results.items()}} if args.each else None
     common.report_results({**(facts or results[""].to_dict()), "data": recordings.as_json(records)}, written, args)
@@ -124,9 +127,3 @@ def _save(results: Mapping[str, Comparison], out: Path | None) -> list[str]:
         if fitted is not None:
             written.append(str(fitted.save(paths[name])))
     return written
-
-
-def _figure(results: Mapping[str, Comparison], each: bool) -> Any:
-    from tsmblocks.plots import plot_comparison, plot_each
-
-    return plot_each(results) if each else plot_comparison(results[""])

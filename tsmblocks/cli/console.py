@@ -27,20 +27,16 @@ UPDATE_INTERVAL = 0.05
 ENCODE_ERRORS = "tsmblocks.readable"
 """Name of the codec error handler that replaces letters which an encoding lacks."""
 REPLACEMENTS = {
-    "−": "-",
-    "–": "-",
+    **dict.fromkeys("−–", "-"),
+    **dict.fromkeys("’‘", "'"),
+    **dict.fromkeys("“”", '"'),
     "→": "->",
     "⇒": "=>",
     "±": "+/-",
-    "…": "...",
     "·": "*",
     "×": "x",
     "°": "deg",
     "ß": "ss",
-    "’": "'",
-    "‘": "'",
-    "“": '"',
-    "”": '"',
     "≤": "<=",
     "≥": ">=",
     "∞": "inf",

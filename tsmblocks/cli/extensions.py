@@ -18,14 +18,8 @@ from tsmblocks.common.errors import TsmError
 
 def with_argument(parser: argparse.ArgumentParser) -> None:
     """Declare --with."""
-    parser.add_argument(
-        "--with",
-        dest="extensions",
-        metavar="FILE",
-        action="append",
-        default=[],
-        help="a Python file to import first, for blocks and effects that it defines; may be repeated",
-    )
+    first = "a Python file to import first, for blocks and effects that it defines; may be repeated"
+    parser.add_argument("--with", dest="extensions", metavar="FILE", action="append", default=[], help=first)
 
 
 def import_files(paths: Iterable[str]) -> None:

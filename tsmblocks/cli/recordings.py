@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import attrs
@@ -103,9 +103,6 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
 
     Measured outputs are kept in the record.
     """
-    from tsmblocks.fitting.summary import rough_inputs
-    from tsmblocks.simulation.compiled import equations
-
     wanted = diagram.inports
     if not args.data and wanted:
         name, port = next(iter(wanted.items()))
@@ -118,8 +115,11 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
         return None, {}
     if not wanted:
         raise UsageError(f"'{shown}' has no inputs, so there is nothing that --data could drive.")
+    from tsmblocks.fitting.summary import rough_inputs
+    from tsmblocks.simulation.compiled import equations
+
     measured = [name for name in diagram.outputs if name not in wanted]
-    mapped = _mapped(args, [*wanted, *measured], f"'{shown}' has no input or output '%s'")
+    mapped = _mapped(args, [*wanted, *measured], lambda name: f"'{shown}' has no input or output '{name}'")
     only = [*wanted, *(k for k in measured if k in mapped)]
     record = read_record(args, only, also=measured, report=False, drives=wanted)
     _refuse_doubtful(args, record, [diagram])
@@ -137,14 +137,13 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, report: bool = Tr
     Raises UsageError without files, or for one given twice.
     """
     wanted = list(dict.fromkeys(name for d in diagrams for name in d.inputs))
-    compared = list(dict.fromkeys(name for d in diagrams for name in d.outputs))
+    signals = [*wanted, *dict.fromkeys(name for d in diagrams for name in d.outputs)]
     if not args.data:
-        raise UsageError(f"give --data FILE with the signals {', '.join([*wanted, *compared])}.")
-    mapped = _mapped(args, [*wanted, *compared], "there is no signal '%s' to compare")
+        raise UsageError(f"give --data FILE with the signals {', '.join(signals)}.")
+    mapped = _mapped(args, signals, lambda name: f"there is no signal '{name}' to compare")
     _check_paths(args.data)
-    needed = [name for name in wanted if all(name in d.inputs for d in diagrams) or name in mapped]
-    only = list(dict.fromkeys([*needed, *(name for name in compared if name in mapped)]))
-    also = [name for name in dict.fromkeys([*wanted, *compared]) if name not in only]
+    only = [name for name in dict.fromkeys(signals) if name in mapped or all(name in d.inputs for d in diagrams)]
+    also = [name for name in dict.fromkeys(signals) if name not in only]
     records: dict[str, Any] = {}
     for path in args.data:
         record = read_record(args, only, path, also, report, wanted)
@@ -165,8 +164,8 @@ def _map(args: argparse.Namespace) -> dict[str, str]:
     return dict(args.map)
 
 
-def _mapped(args: argparse.Namespace, known: Sequence[str], missing: str) -> list[str]:
-    """The names in --map. Raises UsageError for one that is unknown and not the time; ``missing`` says so of ``%s``."""
+def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[str], str]) -> list[str]:
+    """The names in --map. Raises UsageError for one that is unknown and not the time; ``missing`` forms its message."""
     names = []
     for written, column in _map(args).items():
         name = split_heading(written)[0]
@@ -174,7 +173,7 @@ def _mapped(args: argparse.Namespace, known: Sequence[str], missing: str) -> lis
             hint = near(name, [*known, "t"])
             if split_heading(column)[0] in known and not hint.startswith(" Did you mean"):
                 hint = f" --map takes NAME=COLUMN: the other way round that is --map '{column}={written}'."
-            raise UsageError(f"--map {name}=…: {missing % name}.{hint}")
+            raise UsageError(f"--map {name}=…: {missing(name)}.{hint}")
         names.append(name)
     return names
 

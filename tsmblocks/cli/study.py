@@ -66,18 +66,9 @@ def _run(args: argparse.Namespace, out: Path | None) -> Any:
     args.hold = plan.run_arguments.get("hold", "linear")
     record, inputs = recordings.read_inputs(args, plan.diagram, plan.diagram.title)
     how = {**plan.run_arguments, **({"start": float(record.t[0])} if record is not None else {})}
+    how |= {"inputs": inputs, "out": out, "title": plan.title}
     with console.progress_line(study_progress(), quiet=args.json) as progress, _executor(args) as executor:
-        return study(
-            plan.diagram,
-            plan.plan,
-            plan.metrics,
-            inputs=inputs,
-            out=out,
-            executor=executor,
-            progress=progress,
-            title=plan.title,
-            **how,
-        )
+        return study(plan.diagram, plan.plan, plan.metrics, executor=executor, progress=progress, **how)
 
 
 @contextmanager
@@ -122,9 +113,7 @@ def study_progress() -> Callable[[int, int], str]:
 
 def duration_text(seconds: float) -> str:
     """A duration as text: ``12 s``, ``3 min 20 s``, ``2 h 5 min``."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"
