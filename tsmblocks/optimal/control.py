@@ -91,10 +91,8 @@ def optimal_control(
         values are those at the samples.
     stop : float, optional
         End in s. By default the end of the shortest known signal.
-    start : float, default 0.0
-        Time of the first sample in s.
-    step : float, default 0.01
-        Interval between samples of the commands in s.
+    start, step : float, defaults 0.0 and 0.01
+        Time of the first sample, and interval between samples of the commands, in s.
     pieces : int, optional
         Runge-Kutta steps of each interval. By default as many as the fastest initial pole needs, at least 2.
     periodic : bool, default False

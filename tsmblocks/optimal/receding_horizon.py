@@ -73,14 +73,10 @@ class RecedingHorizon:
         most of a plan undetermined.
     rates, limits : optional
         As for ``optimal_control``.
-    start : float, default 0.0
-        Time of the first sample in s.
-    step : float, default 0.02
-        Interval between samples in s.
-    pieces : int, optional
-        Runge-Kutta steps of each interval, as for ``optimal_control``.
-    parameters : dict of str to float, optional
-        Values by name that replace those of the diagram.
+    start, step : float, defaults 0.0 and 0.02
+        Time of the first sample, and interval between samples, in s.
+    pieces, parameters : optional
+        As for ``optimal_control``.
     iterations : int, default 60
         Iterations of the solver for each plan, at most; the first plan may take ten times as many.
 
@@ -90,10 +86,8 @@ class RecedingHorizon:
         Present time in s.
     seconds : list of float
         Computing time of each plan in s.
-    missed : int
-        Number of plans that keep not all limits; the command is then unchanged.
-    short : int
-        Number of plans whose search was cut short.
+    missed, short : int
+        Numbers of plans that keep not all limits (the command is then unchanged), and whose search was cut short.
 
     Raises
     ------
@@ -134,16 +128,9 @@ class RecedingHorizon:
         h, ahead = as_positive("step", step), as_integer("preview", preview, 2)
         few = as_integer("iterations", iterations, 1)
         self.interval = Interval(task, h, pieces_per_interval(task, pieces, h))
-        self._first, self._later = (
-            Programme(
-                self.interval,
-                ahead,
-                "both" if goal == "peak" else goal,
-                False,
-                {**SOLVER_OPTIONS, "ipopt.max_iter": most},
-            )
-            for most in (10 * few, few)
-        )
+        goal = "both" if goal == "peak" else goal
+        options = ({**SOLVER_OPTIONS, "ipopt.max_iter": most} for most in (10 * few, few))
+        self._first, self._later = (Programme(self.interval, ahead, goal, False, one) for one in options)
         self.t = as_number("start", start)
         self.state = numbers(task.eq.start, task.p)[0]
         self.command = np.clip(np.zeros(len(task.commands)), *task.ranges)
@@ -185,12 +172,7 @@ class RecedingHorizon:
         Returns
         -------
         dict of str to float
-            The commands.
-
-        Raises
-        ------
-        DataError
-            For unknown names and for samples of another number.
+            The commands. DataError is raised for unknown names and for samples of another number.
         """
         task, grid = self.task, self.interval.grid(self.t, self.preview)
         given = known_signals(task.eq.title, task.commands, inputs, references, "linear")

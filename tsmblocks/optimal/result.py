@@ -84,12 +84,12 @@ class OptimalControl:
     @property
     def peak_to_peak(self) -> float:
         """Highest minus lowest error."""
-        return float(peak_to_peak(self.error))
+        return peak_to_peak(self.error)
 
     @property
     def rms(self) -> float:
         """Root mean square of the error."""
-        return float(rms(self.error))
+        return rms(self.error)
 
     def inputs(self, stop: float | None = None) -> dict[str, Samples]:
         """The commands as ``simulate`` takes them.

@@ -46,8 +46,8 @@ def task_of(
         raise RunError(
             "name at least one input of the diagram as a command, with its limits: commands={'u': (-24, 24)}."
         )
-    _smooth(eq)
-    slow_fast = _ranges("rates", {} if rates is None else rates, tuple(low_high), eq.title)
+    _refuse_memory(eq)
+    rate_limits = _ranges("rates", {} if rates is None else rates, tuple(low_high), eq.title)
     names = {**{name: name for name in eq.y}, **eq.aliases}
     taken = next((name for name in references if name in names), "")
     if taken:
@@ -61,39 +61,23 @@ def task_of(
             f"limit '{equal}': an equality at every instant determines the commands. Make it the "
             "error, or write two limits."
         )
-    paces = [slow_fast.get(name, (-np.inf, np.inf)) for name in low_high]
     used = {name for one in (needed, *(h.expression for h in held)) for name in one.names}
     task = Task(
         eq,
         parameter_vector(eq, diagram),
         tuple(low_high),
         np.array(list(low_high.values())).T,
-        np.array(paces).T,
+        np.array([rate_limits.get(name, (-np.inf, np.inf)) for name in low_high]).T,
         needed,
         held,
         {k: v for k, v in names.items() if k in used},
         tuple(references),
     )
-    _searchable(task)
+    _refuse_zero_gradients(task)
     return task
 
 
-def _searchable(task: Task) -> None:
-    """Raise RunError for rounding and for second derivatives of commands, which a gradient search cannot use."""
-    if task.rounded.steps:
-        raise RunError(
-            f"'{task.eq.title}' rounds a signal to steps, and a gradient is zero between them. "
-            "Leave the block that rounds out of the model."
-        )
-    bent = [task.commands[command] for _, command, order in task.places if order > 1]
-    if bent:
-        raise RunError(
-            f"'{task.eq.title}' needs the second derivative of '{bent[0]}', and a command that is linear "
-            "between its samples has none. Put a lag or an integrator behind it."
-        )
-
-
-def _smooth(eq: Equations) -> None:
+def _refuse_memory(eq: Equations) -> None:
     """Raise RunError for memory that jumps, and for delays."""
     if eq.d or eq.periods:
         owner = next(iter(eq.sampled), eq.d[0] if eq.d else "")
@@ -105,6 +89,21 @@ def _smooth(eq: Equations) -> None:
         raise RunError(
             f"'{eq.title}' delays {eq.q[0]}, which optimal control cannot follow. Leave the delay out, and "
             "give the references that much earlier."
+        )
+
+
+def _refuse_zero_gradients(task: Task) -> None:
+    """Raise RunError for rounding and for second derivatives of commands, which a gradient search cannot use."""
+    if task.rounded.steps:
+        raise RunError(
+            f"'{task.eq.title}' rounds a signal to steps, and a gradient is zero between them. "
+            "Leave the block that rounds out of the model."
+        )
+    bent = [task.commands[command] for _, command, order in task.places if order > 1]
+    if bent:
+        raise RunError(
+            f"'{task.eq.title}' needs the second derivative of '{bent[0]}', and a command that is linear "
+            "between its samples has none. Put a lag or an integrator behind it."
         )
 
 

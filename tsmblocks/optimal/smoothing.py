@@ -30,7 +30,7 @@ class Smooth:
 
 def smooth(function: ca.Function) -> Smooth:
     """Smooth the absolute values, signs, limits and comparisons of a CasADi function of scalar operations."""
-    given = [ca.SX.sym(function.name_in(k), *function.size_in(k)) for k in range(function.n_in())]
+    given = function.sx_in()
     program, kinks = Program(function), list[Any]()
     infinite = _infinite_nodes(program)
     kinked = {k for k, (name, args) in enumerate(program.nodes) if name in _SMOOTHED and infinite.isdisjoint(args)}
@@ -51,8 +51,7 @@ def smooth(function: ca.Function) -> Smooth:
             kinks.append(where(*(plain[j] for j in args)))
         else:
             rounded.append(_LOGICAL[name](*into) if name in _LOGICAL else _operation(name, into))
-    shapes = [function.size_out(k) for k in range(function.n_out())]
-    outs = [ca.SX(*shape) for shape in shapes]
+    outs = [ca.SX(*function.size_out(k)) for k in range(function.n_out())]
     for (slot, index), node in program.outputs.items():
         outs[slot][index] = rounded[node]
     before, after = function.name_in(), function.name_out()

@@ -93,8 +93,8 @@ class KnownSignals:
         """The same, plain values being those at the samples ``t`` [s]."""
 
         def paired(value: Any) -> Any:
-            plain = not hasattr(value, "t") and not callable(value) and not isinstance(value, tuple)
-            return (t, value) if plain and np.ndim(value) == 1 and len(value) == len(t) else value
+            timed = hasattr(value, "t") or callable(value) or isinstance(value, tuple)
+            return value if timed or np.shape(value) != np.shape(t) else (t, value)
 
         inputs, references = ({k: paired(v) for k, v in one.items()} for one in (self.inputs, self.references))
         return KnownSignals(inputs, references, self.hold)
@@ -182,8 +182,8 @@ class Interval:
         task = self.task
         values = {name: y[task.eq.y.index(signal)] for name, signal in task.names.items()}
         values |= {name: references[k] for k, name in enumerate(task.references)}
-        parts = [one.expression.symbolic(values) for one in task.limits]
-        return task.error.symbolic(values), ca.vertcat(*parts) if parts else ca.SX(0, 1)
+        limits = [one.expression.symbolic(values) for one in task.limits]
+        return task.error.symbolic(values), ca.vertcat(ca.SX(0, 1), *limits)
 
     def grid(self, start: float, count: int) -> np.ndarray:
         """The ends of all Runge-Kutta steps of ``count`` intervals [s]."""
@@ -310,8 +310,8 @@ class Programme:
 
     Its ``goal`` is the least "peak" of the error, the least "rms", the least rms of those "within" a peak, or the least
     of "both" together. Variables are commands (c, count + 1), states (n, count + 1) and the largest error; parameters
-    are states and commands at the start, the given signals, the start time, the sizes of the kinks, and the most that
-    errors may be.
+    are states and commands at the start, the known signals, the start time, the sizes of the kinks, the most that
+    errors may be, and the scales.
     """
 
     interval: Interval
@@ -328,8 +328,7 @@ class Programme:
         peak = ca.MX.sym("peak")
         begin, before = ca.MX.sym("begin", len(task.eq.x)), ca.MX.sym("before", len(task.commands))
         w = ca.MX.sym("w", len(task.eq.u) + len(task.references), 3 * self.interval.pieces * count)
-        t0 = ca.MX.sym("t0")
-        size, most = ca.MX.sym("size", task.rounded.count), ca.MX.sym("most")
+        t0, size, most = ca.MX.sym("t0"), ca.MX.sym("size", task.rounded.count), ca.MX.sym("most")
         unit_c, unit_x, unit_e = (ca.MX.sym(f"unit{k}", n) for k, n in enumerate((c.shape[0], x.shape[0], 1)))
         z = ca.vertcat(ca.vec(c), ca.vec(x), peak)
         c, x = c * ca.repmat(unit_c, 1, count + 1), x * ca.repmat(unit_x, 1, count + 1)
@@ -339,19 +338,15 @@ class Programme:
         )
         e = ca.vec(errors) / unit_e
         first, before_it = (x[:, -1], c[:, -1]) if self.periodic else (begin, before)
-        joints = [
-            ca.vec((x[:, 1:] - ends) / ca.repmat(unit_x, 1, count)),
-            (x[:, 0] - first) / unit_x,
-            (c[:, 0] - before_it) / unit_c,
-        ]
+        gaps = ca.vec((x[:, 1:] - ends) / ca.repmat(unit_x, 1, count))
+        joints = [gaps, (x[:, 0] - first) / unit_x, (c[:, 0] - before_it) / unit_c]
         rates = ca.vec((c[:, 1:] - c[:, :-1]) / self.interval.step)
         below = [peak - e, peak + e]
         bounded = {"peak": below, "both": below, "within": [most - e, most + e], "rms": []}[self.goal]
         square = ca.sumsqr(e) / e.numel()
-        f = 100.0 * {"peak": peak, "both": square + PEAK_WEIGHT * peak**2}.get(self.goal, square)
         made = {
             "x": z,
-            "f": f,
+            "f": 100.0 * {"peak": peak, "both": square + PEAK_WEIGHT * peak**2}.get(self.goal, square),
             "g": ca.vertcat(*joints, rates, *bounded, ca.vec(limits)),
             "p": ca.vertcat(begin, before, ca.vec(w), t0, size, most, unit_c, unit_x, unit_e),
         }

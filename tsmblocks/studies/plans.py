@@ -72,6 +72,8 @@ def plain(value: Any) -> Any:
 def table(columns: Any) -> Plan:
     """Return a plan of given sets.
 
+    Raises ParameterError when columns differ in length, are empty, or hold numbers that are not finite.
+
     Parameters
     ----------
     columns : mapping of str to sequence, or pandas.DataFrame
@@ -81,11 +83,6 @@ def table(columns: Any) -> Plan:
     -------
     Plan
         The plan.
-
-    Raises
-    ------
-    ParameterError
-        When the columns differ in length, are empty, or hold numbers that are not finite.
     """
     if not isinstance(columns, Mapping) and not hasattr(columns, "columns"):
         raise ParameterError(f"a table maps parameters to values, one per run, got {in_words(columns)}.")
@@ -99,6 +96,8 @@ def table(columns: Any) -> Plan:
 def grid(values: Mapping[str, Any]) -> Plan:
     """Return a plan of every combination of values.
 
+    Raises ParameterError for an empty list, for numbers that are not finite, and for more than ten million runs.
+
     Parameters
     ----------
     values : mapping of str to sequence
@@ -108,11 +107,6 @@ def grid(values: Mapping[str, Any]) -> Plan:
     -------
     Plan
         The plan.
-
-    Raises
-    ------
-    ParameterError
-        For an empty list, for numbers that are not finite, and for more than ten million runs.
 
     Examples
     --------
@@ -130,7 +124,8 @@ def grid(values: Mapping[str, Any]) -> Plan:
 def sweep(values: Mapping[str, Any]) -> Plan:
     """Return a plan that changes one parameter at a time, the others keeping the diagram's own values.
 
-    The first run changes nothing. For a tornado plot give the two ends of each range.
+    The first run changes nothing. For a tornado plot give the two ends of each range. Raises ParameterError as ``grid``
+    does, and for options.
 
     Parameters
     ----------
@@ -141,11 +136,6 @@ def sweep(values: Mapping[str, Any]) -> Plan:
     -------
     Plan
         The plan.
-
-    Raises
-    ------
-    ParameterError
-        As ``grid`` does, and for options.
     """
     listed = _lists(values)
     columns, runs = {}, 1

@@ -87,7 +87,7 @@ class Responses:
         return view("html", self)
 
     def plot(self, signal: str, ax: Any = None, *, reference: str | None = None) -> Any:
-        """Plot the median and bands of a signal over the runs. Needs matplotlib.
+        """Plot the median and bands of a signal over the runs. Needs matplotlib; raises RunError for an unknown signal.
 
         Parameters
         ----------
@@ -102,11 +102,6 @@ class Responses:
         -------
         matplotlib.figure.Figure
             The figure.
-
-        Raises
-        ------
-        RunError
-            For an unknown signal.
         """
         return view("plot", self, signal=signal, ax=ax, reference=reference)
 

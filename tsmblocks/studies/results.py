@@ -80,15 +80,19 @@ class Results:
     def __getitem__(self, name: str) -> np.ndarray:
         """A parameter or a metric by name, shape (n,). Raises RunError with the near miss."""
         plain = next((k for k, v in self.asked.items() if v == name), name)
-        for side in (self.metrics, self.parameters):
-            if plain in side:
-                return side[plain]
-        raise RunError(f"the study has no '{name}'.{near(name, list(self))}")
+        known = {**self.parameters, **self.metrics}
+        if plain not in known:
+            raise RunError(f"the study has no '{name}'.{near(name, known)}")
+        return known[plain]
 
     def _numbers(self, name: str) -> np.ndarray:
         if self[name].dtype.kind != "f":
             raise RunError(f"'{name}' is an option and has no numbers.")
         return self[name]
+
+    def _best(self, metric: str) -> dict[str, Any]:
+        """As ``best``; empty where no run has a finite one."""
+        return self.best(metric) if np.isfinite(self[metric]).any() else {}
 
     @property
     def failed(self) -> np.ndarray:
@@ -111,7 +115,7 @@ class Results:
         return {name: plain(self[name][at]) for name in self}
 
     def best(self, metric: str, *, largest: bool = False) -> dict[str, Any]:
-        """Return parameters and metrics of the run where a metric is smallest.
+        """Return parameters and metrics of the run where a metric is smallest. Raises RunError where none is finite.
 
         Parameters
         ----------
@@ -124,11 +128,6 @@ class Results:
         -------
         dict of str to value
             Values by name, with the number of the ``run``.
-
-        Raises
-        ------
-        RunError
-            For an unknown metric, and where no run has a finite one.
         """
         values = self._numbers(metric)
         if not np.isfinite(values).any():
@@ -139,6 +138,8 @@ class Results:
     def at(self, run: int) -> Diagram:
         """Return the diagram with the parameters of a run.
 
+        Raises RunError where there is no such run, or the results are from a file, which has no diagram.
+
         Parameters
         ----------
         run : int
@@ -148,11 +149,6 @@ class Results:
         -------
         Diagram
             The diagram.
-
-        Raises
-        ------
-        RunError
-            Where there is no such run, or the results are from a file, which has no diagram.
         """
         where = np.flatnonzero(self.runs == run)
         if self.diagram is None or not len(where):
@@ -161,22 +157,17 @@ class Results:
         return self.diagram.with_parameters({k: plain(v[where[0]]) for k, v in self.parameters.items()})
 
     def pareto(self, *metrics: str) -> np.ndarray:
-        """Return the Pareto front: the runs that no other one beats in all of these metrics.
+        """Return the Pareto front: the runs that no other one beats in all of these metrics, smaller being better.
 
         Parameters
         ----------
         *metrics : str
-            Two metrics or more; smaller is better.
+            The metrics; RunError is raised for fewer than two.
 
         Returns
         -------
         ndarray of int
             Positions in ``runs``, ordered by the first metric.
-
-        Raises
-        ------
-        RunError
-            For fewer than two metrics, and for an unknown one.
         """
         if len(metrics) < 2:
             raise RunError("a Pareto front takes two metrics at least.")
@@ -192,7 +183,8 @@ class Results:
         """Return how a metric changes with each parameter, the most influential first.
 
         Of a sweep it is the metric at the smallest and the largest value of a parameter. Of other plans it is what a
-        linear regression predicts at the 5 % and 95 % quantiles of a parameter, the others being at their means.
+        linear regression predicts at the 5 % and 95 % quantiles of a parameter, the others being at their means. Raises
+        RunError where fewer runs are finite than the regression needs.
 
         Parameters
         ----------
@@ -203,11 +195,6 @@ class Results:
         -------
         dict of str to tuple of float
             The metric at the low and at the high end, by parameter, in its unit.
-
-        Raises
-        ------
-        RunError
-            Where fewer runs are finite than the regression needs.
         """
         return influence(self, metric)
 
@@ -285,7 +272,7 @@ class Results:
                     "unit": self.units[name],
                     "text": self.texts[name],
                     **self.quantiles(name),
-                    "best": self.best(name) if np.isfinite(self[name]).any() else None,
+                    "best": self._best(name) or None,
                 }
                 for name in self.metrics
             },
@@ -321,9 +308,8 @@ class Results:
             lines.append(f"{count} {have} a metric that is no number (an unstable loop, for example)")
         table = [("", *QUANTILES, "lowest at")]
         for name in self.metrics:
-            at = self.best(name) if np.isfinite(self[name]).any() else {}
-            places = {k: f"{at[k]:.4g}" if isinstance(at[k], float) else str(at[k]) for k in self.parameters if at}
-            where = ", ".join(f"{k} {v}" for k, v in places.items())
+            best = {k: v for k, v in self._best(name).items() if k in self.parameters}
+            where = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in best.items())
             table.append((heading(name, self.units[name]), *(f"{v:.4g}" for v in self.quantiles(name).values()), where))
         return "\n".join([*lines, "", in_columns(table, left=(0, len(QUANTILES) + 1))])
 
@@ -386,21 +372,21 @@ def described_results(
     diagram: Diagram | None = None,
 ) -> Results:
     """Results of these runs, from the facts of the study and the columns of its table."""
-    asked = {named(name)[0]: name for name in facts["metrics"]}
+    asked, units = {named(name)[0]: name for name in facts["metrics"]}, facts["units"]
     return Results(
         facts["title"],
         facts["kind"],
         facts["runs"],
         runs,
-        {k: columns[k] for k in facts["parameters"]},
-        {k: columns[k] for k in facts["units"]},
-        facts["units"],
-        {name: facts["metrics"][given] for name, given in asked.items()},
-        facts["parameters"],
-        "complete" if len(runs) == facts["runs"] else "interrupted",
-        path,
-        diagram,
-        asked,
+        parameters={k: columns[k] for k in facts["parameters"]},
+        metrics={k: columns[k] for k in units},
+        units=units,
+        texts={name: facts["metrics"][given] for name, given in asked.items()},
+        own=facts["parameters"],
+        status="complete" if len(runs) == facts["runs"] else "interrupted",
+        path=path,
+        diagram=diagram,
+        asked=asked,
     )
 
 
