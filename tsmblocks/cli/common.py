@@ -175,6 +175,13 @@ def add(options: argparse._ActionsContainer, *names: str, **settings: Any) -> No
             vars(action)["suggests"] = suggested
 
 
+def result_arguments(parser: argparse.ArgumentParser, out: str, metavar: str = "FILE") -> None:
+    """Declare --out, --plot and --json in a group of their own; ``out`` says what the first does."""
+    results = parser.add_argument_group("results")
+    add(results, "--out", metavar=metavar, help=out)
+    add(results, "--plot", "--json")
+
+
 def passed(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     """Arguments of the command that a function takes by the same names."""
     return {name: getattr(args, name) for name in names}

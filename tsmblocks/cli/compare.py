@@ -31,9 +31,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s [DIAGRAM ...] --data FILE [FILE ...] [options]"
     models = "diagram files, or names of ready-made ones, short as in the table or in full"
     parser.add_argument("models", metavar="DIAGRAM", nargs="*", help=models)
-    measured = parser.add_argument_group("measured data")
-    recordings.data_arguments(measured, several=True)
-    recordings.condition_argument(measured)
+    recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     add = partial(common.add, parser.add_argument_group("fits"))
     train = (
         "share of each recording that is fitted, from its start (default 0.5; with 1 there are no validation "
@@ -44,9 +42,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--each", action="store_true", help="fit every file separately")
     add("--starts", default=8)
     add("--seed", "--step", "--hold")
-    add = partial(common.add, parser.add_argument_group("results"))
-    add("--out", metavar="FILE", help="write the best model, fitted (with --each one per file), to a .toml file")
-    add("--plot", "--json")
+    common.result_arguments(parser, "write the best model, fitted (with --each one per file), to a .toml file")
 
 
 def execute(args: argparse.Namespace) -> int:

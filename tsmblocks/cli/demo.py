@@ -42,7 +42,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     hide = f"the hidden effect: {', '.join(NAMES)} ({NAMES[0]})"
     add("--hide", metavar="EFFECT", default=NAMES[0], help=hide, suggests=NAMES)
     add("--seed", "--json")
-    recordings.data_arguments(parser)
+    recordings.data_arguments(parser, condition=False)
     column = "column of --data with a measured reference; with its unit, if the file has none: 'x_ref [deg]'"
     add("--column", metavar="NAME", help=column)
 

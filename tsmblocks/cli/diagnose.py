@@ -50,7 +50,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
     common.add(parser, "diagram")
-    recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
+    recordings.data_arguments(parser.add_argument_group("measured data"), several=True, condition=False)
     add = partial(common.add, parser.add_argument_group("search"))
     noise = (
         "rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number alone is in the unit of the "
@@ -65,9 +65,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--no-condition", dest="condition", action="store_false", help=unfiltered)
     add("--seed", "--step")
     add("--hold", default="cubic", help="signals between samples: zero, linear or cubic (default)")
-    add = partial(common.add, parser.add_argument_group("results"))
-    add("--out", metavar="DIR", help="write report.html, diagnosis.json and augmented.toml into a folder")
-    add("--plot", "--json")
+    common.result_arguments(parser, "write report.html, diagnosis.json and augmented.toml into a folder", "DIR")
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -39,9 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
     common.add(parser, "diagram")
-    measured = parser.add_argument_group("measured data")
-    recordings.data_arguments(measured, several=True)
-    recordings.condition_argument(measured)
+    recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     _parameter_arguments(partial(common.add, parser.add_argument_group("parameters")))
     add = partial(common.add, parser.add_argument_group("search"))
     add("--outputs", "--window")
@@ -51,10 +49,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--segments", metavar="N", type=common.integer_from(1), default=1, help=segments)
     add("--starts", default=4)
     add("--seed", "--step", "--hold")
-    add = partial(common.add, parser.add_argument_group("results"))
-    written = "write the fitted diagram (with --local one per experiment) to a .toml file"
-    add("--out", metavar="FILE", help=written)
-    add("--plot", "--json")
+    common.result_arguments(parser, "write the fitted diagram (with --local one per experiment) to a .toml file")
 
 
 def _parameter_arguments(add: Callable[..., None]) -> None:

@@ -16,8 +16,11 @@ from tsmblocks.common.errors import near
 from tsmblocks.common.units import heading, split_heading
 
 
-def data_arguments(options: argparse._ActionsContainer, *, several: bool = False) -> None:
-    """Declare the options of every command that reads a measurement, or several."""
+def data_arguments(options: argparse._ActionsContainer, *, several: bool = False, condition: bool = True) -> None:
+    """Declare the options of every command that reads a measurement, or several.
+
+    ``condition`` is False for a command that does not use measured inputs, or filters them by default.
+    """
     add = options.add_argument
     what = "measured signals: CSV and its relatives, NPZ, MAT"
     if several:
@@ -43,12 +46,9 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
     add("--tail", choices=("refuse", "drop"), default="refuse", help=tail)
     gaps = "long gaps in time: refuse the file (default), or keep them"
     add("--gaps", choices=("refuse", "keep"), default="refuse", help=gaps)
-
-
-def condition_argument(options: argparse._ActionsContainer) -> None:
-    """Declare --condition, for commands that use measured inputs unfiltered by default."""
-    filtered = "filter the noise of measured inputs out first, as diagnose does"
-    options.add_argument("--condition", dest="conditioned", action="store_true", help=filtered)
+    if condition:
+        filtered = "filter the noise of measured inputs out first, as diagnose does"
+        add("--condition", dest="conditioned", action="store_true", help=filtered)
 
 
 def with_option_notes(result: Any, args: argparse.Namespace) -> Any:

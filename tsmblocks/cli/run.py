@@ -28,7 +28,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--step", default=1e-3, help="step in s (default 0.001)")
     add("--method", "--set")
     recordings.data_arguments(parser)
-    recordings.condition_argument(parser)
     add("--hold")
     add("--out", metavar="FILE", help="write the outputs to a .csv, .npz or .mat file")
     add("--plot", "--json")

@@ -33,13 +33,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     workers = "processes (default: threads of this one)"
     where.add_argument("--workers", metavar="N", type=common.integer_from(1), help=workers)
     where.add_argument("--dask", metavar="ADDRESS", help="scheduler of a Dask cluster")
-    measured = parser.add_argument_group("measured data, for diagrams with inputs")
-    recordings.data_arguments(measured)
-    recordings.condition_argument(measured)
-    options = parser.add_argument_group("results")
-    kept = "keep results in a .csv file; runs that are in it already are not repeated"
-    common.add(options, "--out", metavar="FILE", help=kept)
-    common.add(options, "--plot", "--json")
+    recordings.data_arguments(parser.add_argument_group("measured data, for diagrams with inputs"))
+    common.result_arguments(parser, "keep results in a .csv file; runs that are in it already are not repeated")
 
 
 def execute(args: argparse.Namespace) -> int:
