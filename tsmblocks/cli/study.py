@@ -57,13 +57,13 @@ def _run(args: argparse.Namespace, out: Path | None) -> Any:
     from tsmblocks.studies import study
     from tsmblocks.studies.files import load_study
 
-    plan = load_study(args.study)
-    args.hold = plan.run_arguments.get("hold", "linear")
-    record, inputs = recordings.read_inputs(args, plan.diagram, plan.diagram.title)
-    how = {**plan.run_arguments, **({"start": float(record.t[0])} if record is not None else {})}
-    how |= {"inputs": inputs, "out": out, "title": plan.title}
+    given = load_study(args.study)
+    args.hold = given.get("hold", "linear")
+    record, given["inputs"] = recordings.read_inputs(args, given["diagram"], given["diagram"].title)
+    if record is not None:
+        given["start"] = float(record.t[0])
     with console.progress_line(study_progress(), quiet=args.json) as progress, _executor(args) as executor:
-        return study(plan.diagram, plan.plan, plan.metrics, executor=executor, progress=progress, **how)
+        return study(**given, out=out, executor=executor, progress=progress)
 
 
 @contextmanager

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import attrs
 import numpy as np
 
 from tsmblocks.common.arguments import as_number
@@ -32,30 +31,17 @@ DISTRIBUTION_FORMS = ('low and high (and scale = "log")', "mean and deviation", 
 """How the distribution of a parameter is written, as messages show it."""
 
 
-@attrs.frozen(eq=False)
-class StudyFile:
-    """Contents of a study file; ``run_arguments`` are arguments of ``study`` by name."""
-
-    title: str
-    diagram: Diagram
-    plan: Plan
-    metrics: Mapping[str, str] | None
-    run_arguments: Mapping[str, Any]
-
-
-def load_study(path: str | Path) -> StudyFile:
-    """Read a study from a file. Raises FileError with every fault and its line."""
+def load_study(path: str | Path) -> dict[str, Any]:
+    """The arguments of ``study`` that a file has. Raises FileError with every fault and its line."""
     page = _StudyPage(path, "study", KEYS)
     diagram, arguments = page.named_diagram(), page.run_arguments(("stop", "step"), ("method", "hold"))
-    title = page.title or (diagram.title if diagram else "")
-    metrics = page.section("metrics") if "metrics" in page.content else None
-    plan = page.plan(diagram) if diagram is not None else None
+    arguments |= {"diagram": diagram, "title": page.title}
+    arguments["metrics"] = page.section("metrics") if "metrics" in page.content else None
     if diagram is not None:
-        page.check_metrics(metrics, diagram)
+        arguments["plan"] = page.plan(diagram)
+        page.check_metrics(arguments["metrics"], diagram)
     page.raise_faults()
-    assert diagram is not None
-    assert plan is not None
-    return StudyFile(title, diagram, plan, metrics, arguments)
+    return arguments
 
 
 class _StudyPage(RunPage):
@@ -80,10 +66,10 @@ class _StudyPage(RunPage):
         if any(v is None for v in sets.values()):
             return None
         sizes = {k: plan[k] for k in ("runs", "seed") if random and k in plan}
-        made = self.attempt(lambda: PLANS[kind](sets, **sizes), "plan")
+        made: Plan | None = self.attempt(lambda: PLANS[kind](sets, **sizes), "plan")
         if made is not None:
             self.attempt(lambda: filled_plan(diagram, made), "vary")
-        return made  # type: ignore[no-any-return]
+        return made
 
     def values(self, name: str, given: Any, diagram: Diagram) -> list[Any] | None:
         """Values of a grid or sweep: a list, or low, high and count."""
@@ -138,8 +124,5 @@ def _relative(value: float, share: Any) -> Normal:
     """A normal distribution around a diagram's own number, its deviation a share of it; the sign stays."""
     if value == 0:
         raise TsmError("the diagram's own value is 0, so a share of it is 0; give mean and deviation.")
-    return Normal(
-        value,
-        abs(value) * as_number("relative", share, ParameterError),
-        *((0.0, math.inf) if value > 0 else (-math.inf, 0.0)),
-    )
+    low, high = (0.0, math.inf) if value > 0 else (-math.inf, 0.0)
+    return Normal(value, abs(value) * as_number("relative", share, ParameterError), low, high)
