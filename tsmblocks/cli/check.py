@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from itertools import starmap
 from typing import Any
 
 from tsmblocks.cli import common, console
@@ -64,12 +65,9 @@ def contents(name: str) -> dict[str, Any]:
 def description(made: dict[str, Any]) -> str:
     """Contents of a valid diagram in one line."""
     counts = ", ".join(_count(made[f"{word}s"], word) for word in ("block", "state", "parameter"))
-    return f"ok; {counts}; inputs: {_named(made['inputs'])}; outputs: {_named(made['outputs'])}"
+    ends = (f"{what}: {', '.join(starmap(heading, made[what].items())) or 'none'}" for what in ("inputs", "outputs"))
+    return f"ok; {counts}; {'; '.join(ends)}"
 
 
 def _count(n: int, word: str) -> str:
     return f"{n} {word}{'' if n == 1 else 's'}"
-
-
-def _named(signals: dict[str, str]) -> str:
-    return ", ".join(heading(k, u) for k, u in signals.items()) or "none"

@@ -156,12 +156,12 @@ def json_value(value: Any) -> Any:
 
 
 @contextmanager
-def progress_line(words: Callable[..., str], *, quiet: bool = False) -> Iterator[Callable[..., None] | None]:
-    """Yield a progress callback that writes ``words(...)`` on one line of standard error, which is erased at the end.
+def progress_line(text_of: Callable[..., str], *, quiet: bool = False) -> Iterator[Callable[..., None] | None]:
+    """Yield a progress callback that writes ``text_of(...)`` on one line of standard error, which is erased at the end.
 
     None is yielded with ``quiet``, and where standard error is no terminal or one without a cursor (``TERM=dumb``).
-    The line is overwritten without escape codes: old consoles do not support them. ``words`` is called each time, since
-    it may count the calls.
+    The line is overwritten without escape codes: old consoles do not support them. ``text_of`` is called each time:
+    it may count its calls.
     """
     if quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         yield None
@@ -170,7 +170,7 @@ def progress_line(words: Callable[..., str], *, quiet: bool = False) -> Iterator
 
     def show(*far: Any) -> None:
         nonlocal length, last
-        text, now = words(*far)[: shutil.get_terminal_size().columns - 1], time.monotonic()
+        text, now = text_of(*far)[: shutil.get_terminal_size().columns - 1], time.monotonic()
         if now - last >= UPDATE_INTERVAL:
             stream.write(f"\r{text}{' ' * (length - len(text))}")
             stream.flush()

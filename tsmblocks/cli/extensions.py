@@ -64,23 +64,20 @@ def _import_file(path: Path, shown: str) -> None:
         with contextlib.redirect_stdout(sys.stderr):
             importlib.import_module(path.stem)
     except (Exception, SystemExit) as error:
-        raise UsageError(f"{_location(error, path, shown)}: {_sentence(error, path)}") from None
+        raise UsageError(_described(error, path, shown)) from None
     if before == (len(REGISTRY), len(catalogue())):
         print_note(f"{shown} defines no block that files may name, and registers no effect.")
 
 
-def _location(error: BaseException, path: Path, shown: str) -> str:
-    """The file, with the last of its lines that was running or being parsed."""
+def _described(error: BaseException, path: Path, shown: str) -> str:
+    """The last line of the file that was running or being parsed, and the error as one sentence.
+
+    The class of the error is named unless the package raised it.
+    """
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+    text = str(error) if isinstance(error, TsmError) else f"{type(error).__name__}: {error}".rstrip(": ")
     if isinstance(error, SyntaxError) and error.filename == str(path):
         lines.append(error.lineno)
-    return f"{shown}:{lines[-1]}" if lines else shown
-
-
-def _sentence(error: BaseException, path: Path) -> str:
-    """An error of such a file as one sentence; the class is named unless the package raised it."""
-    text = str(error)
-    if isinstance(error, SyntaxError) and error.filename == str(path):
-        text = error.msg  # without file and line, which the message has already
-    sentence = text if isinstance(error, TsmError) else f"{type(error).__name__}: {text}".rstrip(": ")
-    return sentence if sentence.endswith((".", "?", "!")) else f"{sentence}."
+        text = f"{type(error).__name__}: {error.msg}"  # without file and line, which the message has already
+    place = f"{shown}:{lines[-1]}" if lines else shown
+    return f"{place}: {text}" if text.endswith((".", "?", "!")) else f"{place}: {text}."

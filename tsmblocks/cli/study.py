@@ -96,14 +96,14 @@ def study_progress() -> Callable[[int, int], str]:
     """The text of progress: runs done, their rate and the remaining time."""
     began: list[tuple[float, int]] = []
 
-    def words(done: int, count: int) -> str:
+    def text(done: int, count: int) -> str:
         now = time.monotonic()
         began.append((now, done))
         rate = (done - began[0][1]) / max(now - began[0][0], 1e-9)
         rest = f", {rate:.3g} runs/s, {duration_text((count - done) / rate)} left" if done > began[0][1] else ""
         return f"{done} of {count} runs{rest}"
 
-    return words
+    return text
 
 
 def duration_text(seconds: float) -> str:
