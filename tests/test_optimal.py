@@ -72,10 +72,10 @@ def kinked():
 def test_rounding_off_little_changes_little(x, y):
     f = kinked()
     soft = smooth(f)
-    near = min(abs(float(v)) for v in np.asarray(soft.inside(x, y)).ravel())
+    near = min(abs(float(v)) for v in np.asarray(soft.kinks(x, y)).ravel())
     if near < 1e-3 or abs(y) < 1e-3:
         return
-    exact, rounded = np.asarray(f(x, y)), np.asarray(soft.rounded(x, y, np.full(soft.count, 1e-6 * near)))
+    exact, rounded = np.asarray(f(x, y)), np.asarray(soft.function(x, y, np.full(soft.count, 1e-6 * near)))
     assert rounded == pytest.approx(exact, abs=1e-5, rel=1e-5)
 
 
@@ -85,17 +85,17 @@ def test_choices_are_rounded_too():
     f = ca.Function("f", [x], [either], ["x"], ["f"])
     soft = smooth(f)
     for z in (-3.0, -0.5, 0.5, 3.0):
-        assert float(soft.rounded(z, np.full(soft.count, 1e-6))) == pytest.approx(float(f(z)), abs=1e-5)
-    assert abs(float(soft.rounded(2.0, np.full(soft.count, 0.1)))) < 1e-2  # half way between both
+        assert float(soft.function(z, np.full(soft.count, 1e-6))) == pytest.approx(float(f(z)), abs=1e-5)
+    assert abs(float(soft.function(2.0, np.full(soft.count, 0.1)))) < 1e-2  # half way between both
 
 
 def test_kinks_are_told_and_rounded():
     soft = smooth(kinked())
     assert soft.count == 6  # |x|, sign, min, max, <, and | |x| - y |: the |x| inside it is the first
-    ends = [float(soft.rounded(z, 2.0, np.full(soft.count, 0.1))[0]) for z in (-1e-3, 0.0, 1e-3)]
+    ends = [float(soft.function(z, 2.0, np.full(soft.count, 0.1))[0]) for z in (-1e-3, 0.0, 1e-3)]
     assert ends[0] == ends[2]
     assert abs(ends[0] - ends[1]) < 1e-5
-    assert float(soft.rounded(0.0, 2.0, np.zeros(soft.count))[0]) == 0.0
+    assert float(soft.function(0.0, 2.0, np.zeros(soft.count))[0]) == 0.0
 
 
 # ---- closed forms

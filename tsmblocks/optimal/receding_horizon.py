@@ -139,7 +139,7 @@ class RecedingHorizon:
         self._plan: Solution | None = None
         self._scales: Scales | None = None
         self._largest = 0.0
-        self._size = np.zeros(task.rounded.count)
+        self._size = np.zeros(task.smoothed.count)
         self._errors: list[float] = []
 
     @property

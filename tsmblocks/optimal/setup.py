@@ -94,12 +94,12 @@ def _refuse_memory(eq: Equations) -> None:
 
 def _refuse_zero_gradients(task: Task) -> None:
     """Raise RunError for rounding and for second derivatives of commands, which a gradient search cannot use."""
-    if task.rounded.steps:
+    if task.smoothed.rounds:
         raise RunError(
             f"'{task.eq.title}' rounds a signal to steps, and a gradient is zero between them. "
             "Leave the block that rounds out of the model."
         )
-    bent = [task.commands[command] for _, command, order in task.places if order > 1]
+    bent = [task.commands[command] for _, command, order in task.command_inputs if order > 1]
     if bent:
         raise RunError(
             f"'{task.eq.title}' needs the second derivative of '{bent[0]}', and a command that is linear "

@@ -16,16 +16,15 @@ from tsmblocks.engine.program import Program
 class Smooth:
     """A function in which every kink is smoothed over a width of its own.
 
-    ``rounded`` takes the arguments of the function and, last, the ``count`` widths: at 0 it is the function itself. Its
-    corners are rounded, not its values.
-    ``inside`` takes the arguments of the function and gives the arguments of the kinks (each at zero), shape (count,).
+    ``function`` takes the arguments of the exact one and, last, the ``count`` widths: at 0 it is the exact one.
+    ``kinks`` takes the same arguments and gives those of the operations with a kink, which is at zero, shape (count,).
+    ``rounds`` says whether the exact function rounds to integers, so that its derivative is zero or undefined.
     """
 
-    rounded: ca.Function
-    inside: ca.Function
+    function: ca.Function
+    kinks: ca.Function
     count: int
-    steps: bool
-    """Whether the function itself rounds to integers, of which the derivative is zero or undefined."""
+    rounds: bool
 
 
 def smooth(function: ca.Function) -> Smooth:
@@ -35,29 +34,28 @@ def smooth(function: ca.Function) -> Smooth:
     infinite = _infinite_nodes(program)
     kinked = {k for k, (name, args) in enumerate(program.nodes) if name in _SMOOTHED and infinite.isdisjoint(args)}
     size = ca.SX.sym("size", len(kinked))
-    plain, rounded = list[Any](), list[Any]()
+    plain, smoothed = list[Any](), list[Any]()
     for k, (name, args) in enumerate(program.nodes):
         if name in ("CONST", "INPUT"):
             made = ca.SX(args[0]) if name == "CONST" else given[args[0]][args[1]]
             plain.append(made)
-            rounded.append(made)
+            smoothed.append(made)
             continue
-        exact = _operation(name, [plain[j] for j in args])
-        plain.append(exact)
-        into = [rounded[j] for j in args]
+        exact, operands = [plain[j] for j in args], [smoothed[j] for j in args]
+        plain.append(_operation(name, exact))
         if k in kinked:
-            where, form = _SMOOTHED[name]
-            rounded.append(form(*into, size[len(kinks)]))
-            kinks.append(where(*(plain[j] for j in args)))
+            kink, form = _SMOOTHED[name]
+            smoothed.append(form(*operands, size[len(kinks)]))
+            kinks.append(kink(*exact))
         else:
-            rounded.append(_LOGICAL[name](*into) if name in _LOGICAL else _operation(name, into))
+            smoothed.append(_LOGICAL[name](*operands) if name in _LOGICAL else _operation(name, operands))
     outs = [ca.SX(*function.size_out(k)) for k in range(function.n_out())]
     for (slot, index), node in program.outputs.items():
-        outs[slot][index] = rounded[node]
+        outs[slot][index] = smoothed[node]
     before, after = function.name_in(), function.name_out()
     return Smooth(
-        ca.Function("rounded", [*given, size], outs, [*before, "size"], after),
-        ca.Function("inside", given, [ca.vertcat(*kinks)], before, ["inside"]),
+        ca.Function("smoothed", [*given, size], outs, [*before, "size"], after),
+        ca.Function("kinks", given, [ca.vertcat(*kinks)], before, ["kinks"]),
         len(kinks),
         any(name in ("FLOOR", "CEIL") for name, _ in program.nodes),
     )

@@ -66,12 +66,12 @@ class Task:
         return ca.Function("rhs", [t, x, u], [dx, y], ["t", "x", "u"], ["dx", "y"])
 
     @cached_property
-    def rounded(self) -> Smooth:
+    def smoothed(self) -> Smooth:
         """The same with smoothed kinks."""
         return smooth(self.rhs)
 
     @cached_property
-    def places(self) -> list[tuple[int, int, int]]:
+    def command_inputs(self) -> list[tuple[int, int, int]]:
         """Where commands enter the equations: (input of the equations, command, order of the derivative)."""
         names = [feed.name.removeprefix("d/dt " * feed.order) for feed in self.eq.u]
         return [
@@ -148,18 +148,18 @@ class Interval:
         task, h = self.task, self.step / self.pieces
         x = ca.SX.sym("x", len(task.eq.x))
         c0, c1 = ca.SX.sym("c0", len(task.commands)), ca.SX.sym("c1", len(task.commands))
-        t, size = ca.SX.sym("t"), ca.SX.sym("size", task.rounded.count)
+        t, size = ca.SX.sym("t"), ca.SX.sym("size", task.smoothed.count)
         w = ca.SX.sym("w", len(task.eq.u) + len(task.references), 3 * self.pieces)
 
         def rhs(state: Any, piece: int, share: float) -> tuple[Any, Any]:
             column, at = 3 * piece + round(2 * share), (piece + share) / self.pieces
             u = w[: len(task.eq.u), column]
-            for k, command, order in task.places:
+            for k, command, order in task.command_inputs:
                 rise = c1[command] - c0[command]
                 u[k] = rise / self.step if order else c0[command] + at * rise
             before = JUMP_MARGIN * self.step if share == 1.0 else 0.0  # sources that jump at a sample do so after it
             given = (t + at * self.step - before, state, u)
-            dx, y = task.rounded.rounded(*given, size) if smoothed else task.rhs(*given)
+            dx, y = task.smoothed.function(*given, size) if smoothed else task.rhs(*given)
             return dx, self._measured(y, w[len(task.eq.u) :, column])
 
         errors, limits, state = [], [], x
@@ -216,7 +216,7 @@ class Window:
         """
         interval, wide = self.interval, 3 * self.interval.pieces
         x, states, errors, limits = begin, [begin], [], []
-        none = np.zeros(interval.task.rounded.count)
+        none = np.zeros(interval.task.smoothed.count)
         for k in range(commands.shape[1] - 1):
             t, inside = self.start + k * interval.step, self.signals[:, k * wide : (k + 1) * wide]
             made = [np.asarray(one) for one in interval.exact(x, commands[:, k], commands[:, k + 1], t, inside, none)]
@@ -236,14 +236,14 @@ class Window:
     def sizes(self, solution: Solution) -> np.ndarray:
         """The rms size of the arguments of kinks along a solution."""
         task, step, count = self.interval.task, self.interval.step, solution.commands.shape[1] - 1
-        if not task.rounded.count:
+        if not task.smoothed.count:
             return np.zeros(0)
         u = self.signals[: len(task.eq.u), :: 3 * self.interval.pieces].copy()
-        for k, command, order in task.places:
+        for k, command, order in task.command_inputs:
             c = solution.commands[command]
             u[k] = np.diff(c) / step if order else c[:-1]
         t = self.start + step * np.arange(count)
-        inside = np.asarray(task.rounded.inside.map(count)(t, solution.states[:, :-1], u))
+        inside = np.asarray(task.smoothed.kinks.map(count)(t, solution.states[:, :-1], u))
         inside = np.where(np.isfinite(inside), inside, 0.0)
         size = np.sqrt(np.mean(inside**2, axis=1))
         return np.where(size > 0, size, 1.0)
@@ -328,7 +328,7 @@ class Programme:
         peak = ca.MX.sym("peak")
         begin, before = ca.MX.sym("begin", len(task.eq.x)), ca.MX.sym("before", len(task.commands))
         w = ca.MX.sym("w", len(task.eq.u) + len(task.references), 3 * self.interval.pieces * count)
-        t0, size, most = ca.MX.sym("t0"), ca.MX.sym("size", task.rounded.count), ca.MX.sym("most")
+        t0, size, most = ca.MX.sym("t0"), ca.MX.sym("size", task.smoothed.count), ca.MX.sym("most")
         unit_c, unit_x, unit_e = (ca.MX.sym(f"unit{k}", n) for k, n in enumerate((c.shape[0], x.shape[0], 1)))
         z = ca.vertcat(ca.vec(c), ca.vec(x), peak)
         c, x = c * ca.repmat(unit_c, 1, count + 1), x * ca.repmat(unit_x, 1, count + 1)
