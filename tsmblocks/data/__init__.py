@@ -3,14 +3,14 @@
 Reading order: ``record`` (what a measurement is), ``files`` (from a file to a record), ``table`` and ``repair`` (faults
 of the numbers; ``repair_time`` those of the time), then what is computed from a record: ``noise_floor``, ``filters``,
 ``conditioning``. Formats: ``text`` for CSV and its relatives, ``containers`` for NPZ, MAT, HDF5 and pandas, with
-``structures`` for what MAT files nest, ``writing`` for the way out. The methods of a record are in ``grid``,
-``resampling``, ``parts``, ``periods`` and ``signals``.
+``structures`` for what MAT files nest, ``writing`` for the way out. Methods of a record that are not about its values
+stand in ``parts``, ``signals``, ``resampling``, ``filters`` and ``conditioning``.
 """
 
 from tsmblocks.common.units import heading, split_heading
 from tsmblocks.data.files import from_pandas, read
 from tsmblocks.data.input_cautions import cautions
-from tsmblocks.data.noise_floor import Noise, fast_noise, noise
+from tsmblocks.data.noise_floor import Noise, noise
 from tsmblocks.data.record import Record
 
-__all__ = ["Noise", "Record", "cautions", "fast_noise", "from_pandas", "heading", "noise", "read", "split_heading"]
+__all__ = ["Noise", "Record", "cautions", "from_pandas", "heading", "noise", "read", "split_heading"]

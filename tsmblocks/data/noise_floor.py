@@ -145,29 +145,6 @@ def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[
     return Noise(name, unit, float(floor), quantum, found.method, found.samples, found.freedom)
 
 
-def fast_noise(record: Record, name: str) -> float:
-    """Return the rms of what changes from sample to sample: the noise, where none of it is slow.
-
-    Parameters
-    ----------
-    record : Record
-        The recording.
-    name : str
-        The signal.
-
-    Returns
-    -------
-    float
-        Rms value in the signal's unit.
-
-    Raises
-    ------
-    DataError
-        When the signal is not there, or has too few samples.
-    """
-    return sample_to_sample_noise(record.t, _samples(record, name)).floor
-
-
 def noise_of_recordings(
     records: Mapping[str, Record], name: str, unit: str, inputs: Iterable[str]
 ) -> tuple[float, str]:
@@ -185,8 +162,9 @@ def noise_of_recordings(
 
 
 def fast_noise_of_recordings(records: Mapping[str, Record], name: str, unit: str) -> float:
-    """The median over the recordings of ``fast_noise`` of a signal, in ``unit``."""
-    return float(np.median([fast_noise(r, name) * r.factor(name, unit) for r in records.values()]))
+    """The median over the recordings of what changes from sample to sample, rms in ``unit``: no slow noise is in it."""
+    floors = [sample_to_sample_noise(r.t, _samples(r, name)).floor * r.factor(name, unit) for r in records.values()]
+    return float(np.median(floors))
 
 
 def _samples(record: Record, name: str) -> np.ndarray:

@@ -155,11 +155,10 @@ def dropouts(table: Table) -> Iterator[str]:
 
 def _spikes(values: np.ndarray) -> np.ndarray:
     """Where spikes are, in order; empty where there are none, or more than a few."""
-    order = np.argsort(values, kind="stable")
     few = max(int(MAX_SPIKE_SHARE * len(values)), 1)
     if len(values) < MIN_SPIKE_RECORD or not np.abs(values).max() < MAX_SQUARABLE:
         return np.array([], dtype=int)
-    middle = values[order[few:-few]]
+    middle = np.sort(values)[few:-few]
     reach = float(np.ptp(middle))
     far = (values > middle.max() + SPIKE_DISTANCE * reach) | (values < middle.min() - SPIKE_DISTANCE * reach)
     first, after = stretches(far).T

@@ -200,9 +200,9 @@ class _Text:
         goals = {target: program.outputs[place] for target, place in stored.items() if place in program.outputs}
         lines = statements(program, goals, self._place(program))
         lines += [f"    {target} = 0.0;" for target in stored if target not in goals]
-        arguments = re.findall(r"(\w+)[,)]", head)
+        arguments, text = re.findall(r"(\w+)[,)]", head), "\n".join(lines)
         yield from [f"static void {head}", "{"]
-        yield from (f"    (void){name};" for name in arguments if not used(name, "\n".join(lines)))
+        yield from (f"    (void){name};" for name in arguments if not used(name, text))
         yield from [*lines, "}", ""]
 
     def _init(self) -> Iterator[str]:

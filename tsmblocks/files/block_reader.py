@@ -8,24 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path, PureWindowsPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tsmblocks.common.errors import DiagramError, FileError, ParameterError, TsmError, clip, in_words, near
-from tsmblocks.files.faults import (
-    DIAGRAM_KEYS,
-    REFUSED,
-    UNEXPECTED_ERRORS,
-    KeyPath,
-    Page,
-    Part,
-    dotted_name,
-    misspelt_keys,
-)
+from tsmblocks.files.faults import DIAGRAM_KEYS, REFUSED, UNEXPECTED_ERRORS, KeyPath, Part, dotted_name, misspelt_keys
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import load_text, parse_tables
 from tsmblocks.model.aliases import block_hint
 from tsmblocks.model.block import REGISTRY, Block, plain, validate
 from tsmblocks.model.diagram import DEEPEST, Diagram
+
+if TYPE_CHECKING:
+    from tsmblocks.files.reader import DiagramPage
 
 FAULTY = Part(None, 1)
 """A block that could not be read."""
@@ -37,7 +31,7 @@ LONGEST_TEXT = 10_000
 """Characters of one option: a sum has an input for each sign. Chosen: far above any real block."""
 
 
-def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> Part:
+def read_block(page: DiagramPage, name: str, spec: Any, path: KeyPath, level: int) -> Part:
     """The block that ``spec`` describes; its faults are collected by the page."""
     if not isinstance(spec, dict):
         above = f" To give the diagram's {name}, move the line above the first [section]."
@@ -63,7 +57,7 @@ def read_block(page: Page, name: str, spec: Any, path: KeyPath, level: int) -> P
 # ---- a block of a type ------------------------------------------------------------------------
 
 
-def _typed(page: Page, spec: dict[str, Any], path: KeyPath) -> Block | None:
+def _typed(page: DiagramPage, spec: dict[str, Any], path: KeyPath) -> Block | None:
     """A block of a registered type."""
     kind = spec["type"]
     if not isinstance(kind, str):
@@ -104,7 +98,7 @@ def _holds_table(value: Any) -> bool:
     return isinstance(value, dict) or (isinstance(value, list) and any(map(_holds_table, value)))
 
 
-def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) -> Block | None:
+def _built(page: DiagramPage, cls: type[Block], values: dict[str, Any], path: KeyPath) -> Block | None:
     """The block, or None if its values are inconsistent."""
     try:
         block = cls(**values)
@@ -121,7 +115,7 @@ def _built(page: Page, cls: type[Block], values: dict[str, Any], path: KeyPath) 
 # ---- another file -----------------------------------------------------------------------------
 
 
-def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
+def _used(page: DiagramPage, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
     """The diagram of another file, with the parameters that ``set`` gives it."""
     said = f"block '{dotted_name(path)}'"
     page.known_keys(spec, ("use", "set"), path, f"{said}, which uses another diagram")
@@ -139,7 +133,7 @@ def _used(page: Page, spec: dict[str, Any], path: KeyPath, level: int) -> Part:
     return Part(_with_changes(page, part.block, dict(_flattened(changes)), path), part.size)
 
 
-def _find(page: Page, name: str, path: KeyPath) -> Path | None:
+def _find(page: DiagramPage, name: str, path: KeyPath) -> Path | None:
     """The file that ``use`` names: next to this one, or below, or among the ready-made diagrams."""
     windows, found = PureWindowsPath(name), None
     file = name if name.endswith(".toml") else f"{name}.toml"
@@ -161,7 +155,7 @@ def _find(page: Page, name: str, path: KeyPath) -> Path | None:
     return found
 
 
-def _read_other(page: Page, file: Path, path: KeyPath, level: int) -> Part:
+def _read_other(page: DiagramPage, file: Path, path: KeyPath, level: int) -> Part:
     """The diagram in another file, read once however often it is used."""
     reading, key = page.reading, file.resolve()
     if key in reading.open:
@@ -195,7 +189,7 @@ def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             yield prefix + key, value
 
 
-def _with_changes(page: Page, diagram: Diagram, changes: dict[str, Any], path: KeyPath) -> Diagram | None:
+def _with_changes(page: DiagramPage, diagram: Diagram, changes: dict[str, Any], path: KeyPath) -> Diagram | None:
     """A diagram with the parameters that ``set`` gives it."""
     known = set(diagram.parameter_names())
     strange = [name for name in changes if name not in known]

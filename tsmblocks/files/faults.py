@@ -119,14 +119,6 @@ class Page:
         self.wrong((*path, key), f"{key} must be text", value)
         return ""
 
-    def whole(self, table: dict[str, Any], level: int) -> Part:
-        """Read the outermost table of a file."""
-        raise NotImplementedError
-
-    def diagram(self, table: dict[str, Any], path: KeyPath, level: int) -> Part:
-        """Read a table with wires, blocks, inputs, outputs and values."""
-        raise NotImplementedError
-
 
 # ---- texts --------------------------------------------------------------------------------------
 

@@ -149,7 +149,7 @@ class _Sections:
     ``unsure`` blocks without known ports and values without a number.
     """
 
-    def __init__(self, page: Page, table: dict[str, Any], path: KeyPath, level: int) -> None:
+    def __init__(self, page: DiagramPage, table: dict[str, Any], path: KeyPath, level: int) -> None:
         self.page, self.table, self.path, self.level = page, table, path, level
         self.incomplete = page.known_keys(table, DIAGRAM_KEYS, path, "a diagram")
         self.unsure: list[str] = []
