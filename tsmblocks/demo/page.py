@@ -94,27 +94,17 @@ def _recordings(story: Story) -> list[Markup]:
     return [*charts, _loop_chart(large, "x_in", f"the loop of the recording {REFERENCE}")]
 
 
-def _diagnosed(diagnosis: Diagnosis) -> dict[str, Any]:
+def _diagnosed(diagnosis: Diagnosis) -> list[Markup]:
     segment = diagnosis.worst
     gap = worst_gap(segment)
     worst = by_excess(output_traces(segment, gap.output))[0]
     along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate, diagnosis.base))]
-    colours = {
-        "measured": "measured",
-        "before": "before",
-        "after": "with the reported effects",
-        "hollow": "hollow: on the data it was fitted to",
-        "noise": "noise, ± 2 rms",
-    }
-    return {
-        "colours": [one for one in colours.items() if diagnosis.effects or one[0] != "after"],
-        "charts": [
-            figures.gap_bars(segment, gap),
-            *(figures.residual_over_coordinate(one, explained=bool(diagnosis.effects)) for one in along),
-            figures.signals_chart(worst, POINTS),
-            figures.residual_chart(worst, gap.noise_floor, POINTS),
-        ],
-    }
+    return [
+        figures.gap_bars(segment, gap),
+        *(figures.residual_over_coordinate(one, explained=bool(diagnosis.effects)) for one in along),
+        figures.signals_chart(worst, POINTS),
+        figures.residual_chart(worst, gap.noise_floor, POINTS),
+    ]
 
 
 def _rebuilt(story: Story) -> dict[str, Any]:

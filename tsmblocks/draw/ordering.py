@@ -140,18 +140,24 @@ def _crossings(graph: Graph, found: Rows) -> int:
     return total
 
 
+def _linked(graph: Graph, found: Rows, place: dict[str, int], c: int, left: bool, floor: float) -> list[list[float]]:
+    """For each key of a column, positions of what it is linked to on the left or on the right."""
+    linked: dict[str, list[float]] = {key: [] for key in found.columns[c]}
+    for link in found.gaps[c] if left else found.gaps[c + 1]:
+        here, there, side = (link.right, link.left, "out") if left else (link.left, link.right, "in")
+        if here[0] in linked:
+            linked[here[0]].append(_position(graph, place, there, side, floor))
+    return list(linked.values())
+
+
 def _sweep(graph: Graph, found: Rows, rightwards: bool) -> None:
     """Sort every column by the mean place of what each key is linked to on one side."""
     count, place = len(found.columns), found.place
     for c in range(count) if rightwards else reversed(range(count)):
-        means: dict[str, list[float]] = {key: [] for key in found.columns[c]}
-        for link in found.gaps[c] if rightwards else found.gaps[c + 1]:
-            here, there = (link.right, link.left) if rightwards else (link.left, link.right)
-            if here[0] in means:
-                floor = len(found.columns[c - 1 if rightwards else min(c + 1, count - 1)])
-                means[here[0]].append(_position(graph, place, there, "out" if rightwards else "in", floor))
-        key_of = {k: sum(v) / len(v) if v else float(place[k]) for k, v in means.items()}
-        found.columns[c].sort(key=lambda k: key_of[k])
+        floor = len(found.columns[c - 1 if rightwards else min(c + 1, count - 1)])
+        linked = zip(found.columns[c], _linked(graph, found, place, c, rightwards, floor), strict=True)
+        mean = {key: sum(v) / len(v) if v else float(place[key]) for key, v in linked}
+        found.columns[c].sort(key=mean.__getitem__)
         place |= {key: k for k, key in enumerate(found.columns[c])}
 
 
@@ -159,17 +165,13 @@ def _swap(graph: Graph, found: Rows) -> bool:
     """Exchange neighbours wherever that removes crossings; returns whether it ever did."""
     place, changed = found.place, False
     for c, column in enumerate(found.columns):
-        sides: dict[str, tuple[list[float], list[float]]] = {key: ([], []) for key in column}
-        for link in found.gaps[c]:
-            if link.right[0] in sides:
-                sides[link.right[0]][0].append(_position(graph, place, link.left, "out", LOW))
-        for link in found.gaps[c + 1]:
-            if link.left[0] in sides:
-                sides[link.left[0]][1].append(_position(graph, place, link.right, "in", LOW))
+        sides = [_linked(graph, found, place, c, left, LOW) for left in (True, False)]
         for k in range(len(column) - 1):
-            pairs = [(p, q) for a, b in zip(sides[column[k]], sides[column[k + 1]], strict=True) for p in a for q in b]
+            pairs = [(p, q) for side in sides for p in side[k] for q in side[k + 1]]
             if sum(p < q for p, q in pairs) < sum(p > q for p, q in pairs):
                 column[k], column[k + 1] = column[k + 1], column[k]
+                for side in sides:
+                    side[k], side[k + 1] = side[k + 1], side[k]
                 changed = True
         place |= {key: k for k, key in enumerate(column)}
     return changed

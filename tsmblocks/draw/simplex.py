@@ -18,6 +18,14 @@ class Rule:
     least: int
     weight: int
 
+    def other(self, node: int) -> int:
+        """The other end."""
+        return self.head if self.tail == node else self.tail
+
+    def slack(self, y: list[int]) -> int:
+        """How much the distance is longer than it must be."""
+        return y[self.head] - y[self.tail] - self.least
+
 
 def positions(count: int, rules: list[Rule], start: list[int], pivots: int = 4000) -> list[int]:
     """Positions that keep all rules at the smallest total cost, from a ``start`` that keeps them.
@@ -38,22 +46,18 @@ def positions(count: int, rules: list[Rule], start: list[int], pivots: int = 400
         order, reached_by = _walk(rules, tree_rules)
         branch_cost = list(own_cost)
         for node in reversed(order[1:]):
-            branch_cost[_other(rules[reached_by[node]], node)] += branch_cost[node]
+            branch_cost[rules[reached_by[node]].other(node)] += branch_cost[node]
         # Saving by moving the branch behind a node; -n prefers the node with the lowest number among equals.
         gains = [(branch_cost[n] if rules[reached_by[n]].tail == n else -branch_cost[n], -n) for n in order[1:]]
         gain, node = max(gains, default=(0, 0))
         if gain <= 0:
             return y
-        _exchange(rules, y, tree_rules, reached_by[-node], -node)
+        branch = {-node}
+        for n in order[1:]:  # parents come first
+            if rules[reached_by[n]].other(n) in branch:
+                branch.add(n)
+        _exchange(rules, y, tree_rules, reached_by[-node], branch)
     return y
-
-
-def _other(rule: Rule, node: int) -> int:
-    return rule.head if rule.tail == node else rule.tail
-
-
-def _slack(rule: Rule, y: list[int]) -> int:
-    return y[rule.head] - y[rule.tail] - rule.least
 
 
 def _tight_tree(count: int, rules: list[Rule], y: list[int]) -> set[int]:
@@ -68,10 +72,10 @@ def _tight_tree(count: int, rules: list[Rule], y: list[int]) -> set[int]:
         while fresh:
             node = fresh.pop()
             for k in touching[node]:
-                other = _other(rules[k], node)
+                other = rules[k].other(node)
                 if other in inside:
                     open_rules.pop(k, None)
-                elif _slack(rules[k], y) == 0:
+                elif rules[k].slack(y) == 0:
                     tree.add(k)
                     inside.add(other)
                     fresh.append(other)
@@ -80,8 +84,8 @@ def _tight_tree(count: int, rules: list[Rule], y: list[int]) -> set[int]:
         open_rules = {k: None for k in open_rules if (rules[k].tail in inside) != (rules[k].head in inside)}
         if not open_rules:
             return tree
-        nearest = min(open_rules, key=lambda k: (_slack(rules[k], y), k))
-        shift = _slack(rules[nearest], y) * (1 if rules[nearest].head not in inside else -1)
+        nearest = min(open_rules, key=lambda k: (rules[k].slack(y), k))
+        shift = rules[nearest].slack(y) * (1 if rules[nearest].head not in inside else -1)
         for node in inside:
             y[node] += shift
         fresh = [n for n in (rules[nearest].tail, rules[nearest].head) if n in inside]
@@ -93,31 +97,21 @@ def _walk(rules: list[Rule], tree_rules: list[set[int]]) -> tuple[list[int], lis
     for node in order:
         for k in sorted(tree_rules[node]):
             if k != reached_by[node]:
-                rule = rules[k]
-                other = _other(rule, node)
+                other = rules[k].other(node)
                 reached_by[other] = k
                 order.append(other)
     return order, reached_by
 
 
-def _exchange(rules: list[Rule], y: list[int], tree_rules: list[set[int]], leaving: int, node: int) -> None:
-    """Move the branch that hangs on ``node`` until another rule becomes tight, and hang it there."""
+def _exchange(rules: list[Rule], y: list[int], tree_rules: list[set[int]], leaving: int, branch: set[int]) -> None:
+    """Move a branch of the tree, which hangs on the rule ``leaving``, until another is tight, and hang it there."""
+    down = rules[leaving].head in branch
+    crossing = [k for k, r in enumerate(rules) if (r.tail in branch) == down and (r.head in branch) != down]
+    entering = min(crossing, key=lambda k: rules[k].slack(y))
+    shift = rules[entering].slack(y) if down else -rules[entering].slack(y)
+    for node in branch:
+        y[node] += shift
     for end in (rules[leaving].tail, rules[leaving].head):
         tree_rules[end].remove(leaving)
-    branch, line = {node}, [node]
-    for other in line:
-        fresh = [n for k in tree_rules[other] if (n := _other(rules[k], other)) not in branch]
-        branch.update(fresh)
-        line += fresh
-    down = rules[leaving].head == node
-    entering, least = -1, 0
-    for k, rule in enumerate(rules):
-        moves, stays = (rule.tail, rule.head) if down else (rule.head, rule.tail)
-        if moves in branch and stays not in branch:
-            slack = _slack(rule, y)
-            if entering < 0 or slack < least:
-                entering, least = k, slack
-    for other in branch:
-        y[other] += least if down else -least
     for end in (rules[entering].tail, rules[entering].head):
         tree_rules[end].add(entering)

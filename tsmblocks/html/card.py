@@ -48,9 +48,9 @@ def table_of(cells: Sequence[Sequence[str]], left: Collection[int], most: int | 
     return rows(head, [[row[k] for k in kept] for row in cells[1:]], most=most)
 
 
-def listed(texts: Iterable[str], title: str = "", most: int = MOST_ROWS) -> Markup:
+def listed(texts: Iterable[str], title: str = "") -> Markup:
     """Sentences as a list, nothing where there are none."""
-    return part("bullets", list(texts), title, most)
+    return part("bullets", list(texts), title, MOST_ROWS)
 
 
 def over_time(t: np.ndarray, signals: Mapping[str, tuple[np.ndarray, str]], words: str) -> Markup:

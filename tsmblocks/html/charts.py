@@ -48,9 +48,11 @@ class Frame:
 
 TINY = 1e-300
 """Range below which a signal is drawn as a constant."""
+ROOM = 0.05
+"""Share of a range that is left free above and below a signal."""
 
 
-def spread(*signals: np.ndarray, zero: bool = False, room: float = 0.05) -> tuple[float, float]:
+def spread(*signals: np.ndarray, zero: bool = False) -> tuple[float, float]:
     """The range of some signals with a little room; ``zero`` has it hold zero."""
     every = np.concatenate([np.ravel(s) for s in signals if np.size(s)] or [np.zeros(1)])
     every = every[np.isfinite(every)]
@@ -60,7 +62,7 @@ def spread(*signals: np.ndarray, zero: bool = False, room: float = 0.05) -> tupl
     size = high - low or abs(high) or 1.0
     if not size >= TINY:  # room would be lost in rounding
         size = 1.0
-    return low - room * size, high + room * size
+    return low - ROOM * size, high + ROOM * size
 
 
 def ends(t: np.ndarray) -> tuple[float, float]:

@@ -16,7 +16,6 @@ def plot_frequency_response(response: FrequencyResponse, ax: Any = None) -> Any:
     """Gain, phase and distortion over frequency, a line for each amplitude (angles in deg).
 
     Where the output is constant, or never becomes periodic, there is a cross below the gain. ``ax`` may be three axes.
-    Returns the figure.
     """
     panels = axes(ax, 3, height=2.2)
     sizes, unit = shown(response.amplitudes, response.unit)

@@ -23,7 +23,7 @@ def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> Any:
     """Errors as bars, residuals of the worst experiment, its loop, and the residual over the best coordinate.
 
     A row of panels for each segment, drawn for its output that is furthest above its noise; ``ax`` may be four axes
-    for each, row by row. Returns the figure.
+    for each, row by row.
     """
     rows = diagnosis.segments
     figure, panels = sheet(ax, len(rows), 4, width=16.0, height=3.6, widths=(1.2, 1.6, 1.0, 1.1))

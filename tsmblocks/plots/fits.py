@@ -33,7 +33,6 @@ def plot_fit(fit: Fit | Differences, ax: Any = None) -> Any:
     """Measured and simulated signals over time, the residual, the loop over the input, and the autocorrelation.
 
     One row per experiment and output, the first ``MOST`` of them; ``ax`` may be four axes for each, row by row.
-    Returns the figure.
     """
     differences = fit.differences if isinstance(fit, Fit) else fit
     rows = list(differences)[:MOST]
@@ -55,12 +54,12 @@ def plot_fit(fit: Fit | Differences, ax: Any = None) -> Any:
 
 
 def plot_history(difference: Difference, ax: Any = None) -> Any:
-    """What was measured and what was simulated, over time. Returns the figure."""
+    """What was measured and what was simulated, over time."""
     return _alone(_history, difference, ax)
 
 
 def plot_residual(difference: Difference, ax: Any = None) -> Any:
-    """The residual over time, with the band of twice the measured signal's noise. Returns the figure.
+    """The residual over time, with the band of twice the measured signal's noise.
 
     The noise is that of ``tsm.noise``: a residual inside the band cannot be reduced by a better model.
     """
@@ -163,7 +162,7 @@ def _autocorrelation(panel: Any, one: Difference) -> None:
 def plot_comparison(comparison: Comparison, ax: Any = None) -> Any:
     """The error of every model, best on top, and loop and residual of the best.
 
-    ``ax`` may be three axes. Returns the figure.
+    ``ax`` may be three axes.
     """
     figure, panels = sheet(ax, 1, 3, width=15.0, height=4.0, widths=(1.2, 1.0, 1.3))
     errors, loop, residual = panels[0]
@@ -195,7 +194,7 @@ def _errors(panel: Any, comparison: Comparison) -> None:
 
 
 def plot_each(comparisons: Mapping[str, Comparison], ax: Any = None) -> Any:
-    """The rms error of each model on every file, fitted to each file separately. Returns the figure.
+    """The rms error of each model on every file, fitted to each file separately.
 
     ``comparisons`` has one for each file, by name. Models stand from best to worst over all files, each with a
     mark per file and a line at the root mean square.

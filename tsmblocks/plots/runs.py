@@ -24,14 +24,14 @@ def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None, *, after: floa
     """Signals of a run over time in s, the diagram's outputs unless named; ``"x_ref - x_out"`` is a signal too.
 
     Signals of one unit share a panel; all are drawn on ``ax`` where that is one, else it holds one for each unit. With
-    ``after`` [s], what comes before is left out. Returns the figure. Raises RunError for an unknown name,
+    ``after`` [s], what comes before is left out. Raises RunError for an unknown name,
     ParameterError for a faulty expression.
     """
     return _over_time(run, run.title, "run", list(names) or list(run.aliases) or run.keys(), ax, after)
 
 
 def plot_record(record: Record, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None) -> Any:
-    """Signals of a recording over time in s, all unless named, as plot_run draws them. Returns the figure."""
+    """Signals of a recording over time in s, all unless named, as plot_run draws them."""
     return _over_time(record, record.name, "recording", list(names) or list(record), ax, after)
 
 
@@ -72,7 +72,6 @@ def plot_tracking(
 
     ``ax`` may be two axes, for the signals and the errors. With ``after`` [s], what comes before is left
     out. The legend gives the peak-to-peak error from there on, by default over the second half of each run.
-    Returns the figure.
     """
     if not runs:
         raise TsmError("plot_tracking needs at least one run.")
@@ -98,7 +97,7 @@ def plot_tracking(
 def plot_tracking_changes(before: Any, now: Any, title: str, ax: Any = None) -> Any:
     """Signals that differ between a baseline and a new run, over time, each with its difference below.
 
-    ``before`` and ``now`` have ``t`` [s], ``signals`` and ``signal_units``. Returns the figure.
+    ``before`` and ``now`` have ``t`` [s], ``signals`` and ``signal_units``.
     """
     both = [name for name in now.signals if name in before.signals]
     names = [name for name in both if _differs(before, now, name)] or both
@@ -123,7 +122,7 @@ def _differs(before: Any, now: Any, name: str) -> bool:
 def plot_loop(
     x: Any, y: Any, ax: Any = None, *, unit: str = "rad", label: str = "", names: tuple[str, str] = ("x_in", "x_out")
 ) -> Any:
-    """One signal over another, both in ``unit``: the loop of a hysteresis. Returns the figure."""
+    """One signal over another, both in ``unit``: the loop of a hysteresis."""
     (panel,) = axes(ax, 1, height=4.6, width=6.6)
     (across, label_unit), (up, _) = (shown(np.asarray(v, dtype=float), unit) for v in (x, y))
     panel.plot(across, up, lw=1.4, label=label or None, color=COLOURS[len(panel.lines) % len(COLOURS)])

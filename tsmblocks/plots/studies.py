@@ -29,7 +29,7 @@ def plot_study(results: Results, metrics: Sequence[str] = (), ax: Any = None) ->
 
     A heat map of a grid of two numbers, a curve of one number, a tornado of a sweep, else distributions, and beside
     each the metric over every number that varies (the first ``BESIDE``). ``ax`` may be one axes for each metric; a
-    distribution then stands alone. Returns the figure. Raises RunError for an unknown metric.
+    distribution then stands alone. Raises RunError for an unknown metric.
     """
     chosen = list(metrics) or list(results.metrics)
     for name in chosen:
@@ -75,7 +75,7 @@ def _spread(results: Results, chosen: Sequence[str], numbers: Sequence[str]) -> 
 def plot_tornado(results: Results, metric: str, ax: Any = None) -> Any:
     """How far each parameter moves a metric, the most influential on top; see ``Results.influence``.
 
-    The end at a parameter's low value is pale, that at its high value dark. Returns the figure.
+    The end at a parameter's low value is pale, that at its high value dark.
     """
     influences = list(results.influence(metric).items())[:MOST]
     (panel,) = axes(ax, 1, height=0.8 + 0.35 * len(influences))
@@ -96,7 +96,7 @@ def plot_scatter(results: Results, metric: str, parameters: Sequence[str] = (), 
     """A metric over each of some parameters (all numbers unless named), a point per run: one axes for each.
 
     The line is the median of the metric in each of ``BINS`` intervals with equally many runs: where it is flat, the
-    parameter does nothing to the metric. Returns the figure. Raises RunError for an unknown name.
+    parameter does nothing to the metric. Raises RunError for an unknown name.
     """
     names = list(parameters) or _numbers(results)
     y, unit = _shown(results, metric)
@@ -116,10 +116,7 @@ def plot_scatter(results: Results, metric: str, parameters: Sequence[str] = (), 
 
 
 def plot_pareto(results: Results, x: str, y: str, ax: Any = None) -> Any:
-    """Two metrics against each other, a point per run, and the runs that no other one beats in both.
-
-    Returns the figure. Raises RunError for an unknown metric.
-    """
+    """Two metrics against each other, and the runs that no other beats in both. Raises RunError for an unknown one."""
     (panel,) = axes(ax, 1, height=4.0, width=5.5)
     front = results.pareto(x, y)
     (across, x_unit), (up, y_unit) = (_shown(results, name) for name in (x, y))
@@ -132,7 +129,7 @@ def plot_pareto(results: Results, x: str, y: str, ax: Any = None) -> Any:
 def plot_heat_map(results: Results, metric: str, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
     """A metric over a grid of two parameters, the first two unless named, at the smallest values of all others.
 
-    The cross marks the smallest value. Returns the figure. Raises RunError where the plan is no grid of numbers.
+    The cross marks the smallest value. Raises RunError where the plan is no grid of numbers.
     """
     names = _numbers(results)
     if results.kind != "grid" or len(names) < 2:
@@ -159,7 +156,7 @@ def plot_heat_map(results: Results, metric: str, x: str | None = None, y: str | 
 
 
 def plot_distribution(results: Results, metric: str, ax: Any = None) -> Any:
-    """The distribution of a metric over the runs, with median and 5 and 95 % quantiles. Returns the figure."""
+    """The distribution of a metric over the runs, with median and 5 and 95 % quantiles."""
     (panel,) = axes(ax, 1, height=2.6)
     values, unit = _shown(results, metric)
     values = values[np.isfinite(values)]
@@ -177,7 +174,7 @@ def plot_distribution(results: Results, metric: str, ax: Any = None) -> Any:
 def plot_envelope(responses: Any, signal: str, ax: Any = None, *, reference: str | None = None) -> Any:
     """Range, 5 to 95 %, 25 to 75 % and median of a signal over the runs of ``studies.responses``.
 
-    ``reference`` is another signal of them, drawn once. Returns the figure. Raises RunError for an unknown signal.
+    ``reference`` is another signal of them, drawn once. Raises RunError for an unknown signal.
     """
     (panel,) = axes(ax, 1, height=3.2)
     y, unit = shown(responses[signal], responses.unit(signal))

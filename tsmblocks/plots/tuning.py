@@ -19,8 +19,8 @@ MAX_BARS = 12
 def plot_tuned(tuned: Tuned, metrics: Sequence[str] = (), ax: Any = None) -> Any:
     """Each metric in each case, before (pale) and tuned (dark), with the limits it is to keep; one axes per metric.
 
-    ``metrics`` are all unless named. Of more than ``MAX_BARS`` cases there is a histogram. Returns the figure.
-    Raises RunError for an unknown metric.
+    ``metrics`` are all unless named. Of more than ``MAX_BARS`` cases there is a histogram. Raises RunError for an
+    unknown metric.
     """
     known = list(next(iter(tuned.after.values())))
     short = {named(name)[0]: name for name in known}
