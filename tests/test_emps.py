@@ -11,7 +11,7 @@ from scipy import signal
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, ZeroOrderHold
-from tsmblocks.fitting.experiments import median_step
+from tsmblocks.fitting.experiments import grid_step
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "20_emps.py"
 PUBLISHED = {"mass": 95.1089, "viscous": 203.5034, "dry": 20.3935, "offset": -3.1648}
@@ -123,10 +123,10 @@ def test_times_kept_in_single_precision_do_not_delay_a_held_input(step, samples)
 def test_the_step_of_an_even_record_is_as_close_as_its_instants_tell(step, samples, start):
     """Rounding the step to few digits must not move the instants further than their own rounding did."""
     t = start + step * np.arange(samples)
-    found = median_step(t)
+    found = grid_step(t)
     assert np.abs(t - t[0] - found * np.arange(samples)).max() <= 1e-14 * np.abs(t).max() + 1e-15 * step
 
 
 def test_a_step_of_many_digits_is_kept():
-    assert median_step(0.0123456789012 * np.arange(900)) == pytest.approx(0.0123456789012, rel=1e-15)
-    assert median_step(np.arange(900) / 3.0) == pytest.approx(1 / 3, rel=1e-15)
+    assert grid_step(0.0123456789012 * np.arange(900)) == pytest.approx(0.0123456789012, rel=1e-15)
+    assert grid_step(np.arange(900) / 3.0) == pytest.approx(1 / 3, rel=1e-15)

@@ -11,7 +11,7 @@ from tsmblocks.common.errors import TsmError
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.result import Consequence
-from tsmblocks.fitting.experiments import median_step
+from tsmblocks.fitting.experiments import grid_step
 from tsmblocks.metrics.tracking import peak_to_peak, rms
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.simulation.simulate import simulate
@@ -50,7 +50,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     record = experiment.record
     wanted, plant = record.values(inlet, unit), _of_first_experiment(augmented)
     models = [None, _of_first_experiment(base), plant]
-    step = median_step(record.t)  # the median is robust to rounded time stamps
+    step = grid_step(record.t)  # the median is robust to rounded time stamps
     for substeps in LOOP_SUBSTEPS:
         if len(record) * substeps * STEPS_PER_LOOP_STEP > MAX_STEPS:
             continue

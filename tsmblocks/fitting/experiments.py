@@ -183,9 +183,9 @@ def prepare(
 ) -> Experiment:
     """Make a recording ready for a diagram. Raises DataError for signals or samples that are missing."""
     cut, start = span(name, record, window), float(record.t[0])
-    t, own = record.t[cut], median_step(record.t)
+    t, own = record.t[cut], grid_step(record.t)
     every = max(1, round(own / step))
-    even = is_even(record.t, own) and abs(own / step / every - 1) < UNEVEN
+    even = lies_on_grid(record.t, own) and abs(own / step / every - 1) < UNEVEN
     h = own / every if even else step
     steps = (cut.stop - 1) * every if even else math.ceil((t[-1] - start) / h - UNEVEN)
     times = TimeGrid(start, h, max(steps, 1), every if even else 1)
@@ -230,8 +230,8 @@ def inputs(record: Record, diagram: Diagram, hold: str, until: float = -math.inf
             f"recording has no such signal.{near(missing[0], record.names)} "
             f"If it has another name there, map it when reading: {how_to_map(missing[0], bare=not record.units)}."
         )
-    own = median_step(record.t)  # times kept with few digits: a held value must not come a step late
-    t = record.t[0] + own * np.arange(len(record)) if is_even(record.t, own) else record.t
+    own = grid_step(record.t)  # times kept with few digits: a held value must not come a step late
+    t = record.t[0] + own * np.arange(len(record)) if lies_on_grid(record.t, own) else record.t
     beyond = until - float(t[-1]) if until > t[-1] + 1e-9 * own else 0.0
     made = {}
     for k, port in wanted.items():
@@ -308,10 +308,10 @@ def _ends(window: Window) -> str:
     return f"{''.join(words)} s{' on' if window[1] is None else ''}" if words else ""
 
 
-def median_step(t: np.ndarray) -> float:
+def grid_step(t: np.ndarray) -> float:
     """The step of an even grid from its ends, else the median step [s]."""
     mean = float((t[-1] - t[0]) / (len(t) - 1))
-    return _roundest(t, mean) if is_even(t, mean) else float(np.median(np.diff(t)))
+    return _roundest(t, mean) if lies_on_grid(t, mean) else float(np.median(np.diff(t)))
 
 
 def _roundest(t: np.ndarray, step: float) -> float:
@@ -332,6 +332,6 @@ def _off(t: np.ndarray, step: float) -> float:
     return float(np.abs(t - t[0] - step * np.arange(len(t))).max())
 
 
-def is_even(t: np.ndarray, step: float) -> bool:
+def lies_on_grid(t: np.ndarray, step: float) -> bool:
     """Whether the instants lie on an even grid, up to rounding."""
     return _off(t, step) <= UNEVEN * step

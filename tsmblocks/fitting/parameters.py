@@ -58,20 +58,17 @@ class Unknowns:
     experiments: tuple[str, ...]
     tied: tuple[int, ...] = ()
     tie: Any = None  # p -> (tied numbers, their derivatives), a CasADi function
-    _columns: tuple[np.ndarray, ...] = attrs.field(init=False)
-    _places: tuple[np.ndarray, ...] = attrs.field(init=False)  # in ``p``, of the unknowns of ``columns(e)``
+    _maps: tuple[tuple[np.ndarray, np.ndarray], ...] = attrs.field(init=False)
+    """Unknowns of each experiment, and their places in ``p``."""
 
-    @_columns.default
-    def _found_columns(self) -> tuple[np.ndarray, ...]:
-        return tuple(
-            np.array([k for k, item in enumerate(self.items) if item.experiment in ("", name)], dtype=int)
-            for name in self.experiments
-        )
-
-    @_places.default
-    def _found_places(self) -> tuple[np.ndarray, ...]:
-        at = {name: k for k, name in enumerate(self.order)}
-        return tuple(np.array([at[self.items[k].parameter] for k in c], dtype=int) for c in self._columns)
+    @_maps.default
+    def _made_maps(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        at, made = {name: k for k, name in enumerate(self.order)}, []
+        for name in self.experiments:
+            own = [k for k, item in enumerate(self.items) if item.experiment in ("", name)]
+            places = [at[self.items[k].parameter] for k in own]
+            made.append((np.array(own, dtype=int), np.array(places, dtype=int)))
+        return tuple(made)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -95,16 +92,16 @@ class Unknowns:
 
     def columns(self, e: int) -> np.ndarray:
         """Which unknowns matter to experiment ``e``."""
-        return self._columns[e]
+        return self._maps[e][0]
 
     def changed(self, e: int) -> list[int]:
         """Places in ``p`` that differ from ``base`` in experiment ``e``."""
-        return sorted({*self._places[e].tolist(), *self.tied})
+        return sorted({*self._maps[e][1].tolist(), *self.tied})
 
     def parameters(self, theta: np.ndarray, e: int) -> np.ndarray:
         """Parameters ``p`` of experiment ``e``, shape (parameters,)."""
-        p = self.base.copy()
-        p[self._places[e]] = theta[self.columns(e)]
+        p, (columns, places) = self.base.copy(), self._maps[e]
+        p[places] = theta[columns]
         if self.tie is not None:
             p[list(self.tied)] = np.asarray(self.tie(p)[0]).ravel()
         return p
@@ -113,13 +110,14 @@ class Unknowns:
         """Parameters of experiment ``e`` for ``thetas`` (sets, unknowns), shape (parameters, sets)."""
         if self.tie is not None:
             return np.stack([self.parameters(theta, e) for theta in thetas], axis=1)
+        columns, places = self._maps[e]
         p = np.repeat(self.base[:, None], len(thetas), axis=1)
-        p[self._places[e]] = thetas[:, self.columns(e)].T
+        p[places] = thetas[:, columns].T
         return p
 
     def jacobian(self, p: np.ndarray, e: int) -> np.ndarray:
         """Derivatives of ``p`` with respect to the unknowns of ``columns(e)``, shape (parameters, columns)."""
-        places = self._places[e]
+        places = self._maps[e][1]
         made = np.zeros((len(p), len(places)))
         made[places, np.arange(len(places))] = 1.0
         if self.tie is not None:
@@ -131,7 +129,7 @@ class Unknowns:
         import casadi as ca
 
         p = ca.SX(self.base)
-        for k, place in zip(self.columns(e), self._places[e], strict=True):
+        for k, place in zip(*self._maps[e], strict=True):
             p[int(place)] = theta[int(k)]
         if self.tie is not None:
             tied = self.tie.call([p])[0]

@@ -19,7 +19,7 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.methods import method_named
 from tsmblocks.fitting.constraints import constraints as read_constraints
 from tsmblocks.fitting.constraints import ties as read_ties
-from tsmblocks.fitting.experiments import Experiment, compared, is_even, median_step, prepare
+from tsmblocks.fitting.experiments import Experiment, compared, grid_step, lies_on_grid, prepare
 from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import (
     Unknown,
@@ -101,10 +101,10 @@ def set_up(
         made.append(experiment)
         finer.append(half)
         if experiment.share is not None:
-            own = median_step(record.t)
+            own = grid_step(record.t)
             why = (
                 f"the samples, {own:.4g} s apart, are no multiples of the step of {experiment.times.h:.4g} s"
-                if is_even(record.t, own)
+                if lies_on_grid(record.t, own)
                 else "the samples are unevenly spaced"
             )
             notes.append(f"{name}: {why}, so the simulation is read off between its steps.")
@@ -129,7 +129,7 @@ def _resolved(
 
     With it, the experiment at half that step, where there is one.
     """
-    own, best, fault = median_step(record.t), None, None
+    own, best, fault = grid_step(record.t), None, None
     divide = _least_division(own, periods)
     while divide <= FINEST:
         try:
