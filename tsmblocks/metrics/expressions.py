@@ -26,8 +26,6 @@ MAX_DEPTH = 100
 """Levels of brackets and operations in one text at most. Chosen: far below Python's limit of recursion, 1000."""
 EXCERPT_LENGTH = 80
 """Characters of a text that a message has around a fault. Chosen: a line of a terminal."""
-
-
 _OF_ONE = ("exp", "log", "sqrt", "sin", "cos", "tan", "tanh")
 FUNCTIONS = ("abs", *_OF_ONE, "min", "max")
 """Functions that may be used: ``min`` and ``max`` of two arguments or more, the others of one."""

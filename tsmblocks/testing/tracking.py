@@ -18,7 +18,8 @@ import numpy as np
 
 from tsmblocks.common.atomic_write import replace_file
 from tsmblocks.common.errors import FileError, ParameterError, RunError, in_words, near
-from tsmblocks.data import heading
+from tsmblocks.common.tables import columns
+from tsmblocks.common.units import heading
 from tsmblocks.metrics.metrics import Metric, metrics, named
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.simulate import simulate
@@ -164,8 +165,6 @@ def first_deviation(before: Baseline, now: Baseline, share: float) -> tuple[str,
 
 def change_report(found: Sequence[Change], before: Baseline, now: Baseline) -> str:
     """A table of the changes, and the time from which on the signals deviate."""
-    from tsmblocks.common.tables import columns
-
     rows = [("metric", "baseline", "now", "change", "allowed")]
     for one in found:
         old, new = ("" if value is None else f"{value:.6g}" for value in (one.before, one.now))
