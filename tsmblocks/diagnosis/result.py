@@ -292,11 +292,11 @@ class Diagnosis:
             "sentence": self.sentence,
             "status": self.status,
             "effects": [_named_values(e, EFFECT_KEYS) for e in self.effects],
-            "gap": _gap(worst.gaps[0]),
+            "gap": _json_value(_gap(worst.gaps[0])),
             "where": _json_value(worst.where),
             "ranking": self._ranking,
-            "detection_limits": {m.name: _rounded(m.value) for s in reversed(self.segments) for m in s.limits},
-            "segments": [_segment(s) for s in self.segments],
+            "detection_limits": {m.name: _json_value(m.value) for s in reversed(self.segments) for m in s.limits},
+            "segments": _json_value([_segment(s) for s in self.segments]),
             "consequence": _json_value(self.consequence),
             "no_consequence": self.no_consequence,
             "start_states": self.start_states,
@@ -382,31 +382,31 @@ def _gap(gap: Gap) -> dict[str, Any]:
     return {
         "output": gap.output,
         "unit": gap.unit,
-        "noise_floor": _rounded(gap.noise_floor),
+        "noise_floor": gap.noise_floor,
         "noise_floor_from": gap.method,
-        "train": {"before": _rounded(gap.train[0]), "after": _rounded(gap.train[-1])},
-        "held_out": {"before": _rounded(gap.held_out[0]), "after": _rounded(gap.held_out[-1])},
-        "steps": {"train": _json_value(gap.train), "held_out": _json_value(gap.held_out)},
-        "experiments": _json_value(gap.experiments),
+        "train": {"before": gap.train[0], "after": gap.train[-1]},
+        "held_out": {"before": gap.held_out[0], "after": gap.held_out[-1]},
+        "steps": {"train": gap.train, "held_out": gap.held_out},
+        "experiments": gap.experiments,
     }
 
 
 def _segment(s: Segment) -> dict[str, Any]:
     return {
         "name": s.name,
-        "inputs": list(s.inputs),
-        "outputs": list(s.outputs),
+        "inputs": s.inputs,
+        "outputs": s.outputs,
         "verdict": s.verdict,
-        "excess": _rounded(s.excess),
+        "excess": s.excess,
         "sentence": s.sentence,
         "effects": [e.name for e in s.effects],
-        "numbers": [] if s.fit is None else [_json_value(e.to_dict()) for e in s.fit],
-        "cautions": list(s.cautions),
-        "ceiling": _rounded(s.ceiling),
+        "numbers": [] if s.fit is None else [e.to_dict() for e in s.fit],
+        "cautions": s.cautions,
+        "ceiling": s.ceiling,
         "gaps": [_gap(g) for g in s.gaps],
-        "where": _json_value(s.where),
+        "where": s.where,
         "detection_limits": {
-            m.name: None if m.value is None else {"parameter": m.parameter, "value": _rounded(m.value), "unit": m.unit}
+            m.name: None if m.value is None else {"parameter": m.parameter, "value": m.value, "unit": m.unit}
             for m in s.limits
         },
     }
@@ -418,18 +418,13 @@ def _named_values(record: Any, keys: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _json_value(value: Any) -> Any:
-    """Records and mappings as dicts, tuples as lists, numbers with six digits."""
+    """Records and mappings as dicts, tuples as lists; numbers with six digits, None for NaN and infinity."""
     if attrs.has(type(value)):
         return _json_value(attrs.asdict(value, recurse=False))
     if isinstance(value, Mapping):
         return {k: _json_value(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [_json_value(v) for v in value]
-    return _rounded(float(value)) if isinstance(value, (float, np.floating)) else value
-
-
-def _rounded(value: float | None) -> float | None:
-    """A number with six digits, more than any interval supports; None for NaN and infinity."""
-    if value is None or not np.isfinite(value):
-        return None
-    return float(f"{float(value):.6g}")
+    if isinstance(value, (float, np.floating)):
+        return float(f"{float(value):.6g}") if np.isfinite(value) else None  # more digits than any interval supports
+    return value

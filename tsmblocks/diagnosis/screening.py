@@ -198,14 +198,12 @@ class _Screening:
 
     def _changes(self, sets: list[np.ndarray]) -> np.ndarray:
         """Change of the weighted outputs against the base, shape (N, sets)."""
-        results = np.empty((self.problem.samples, len(sets)))
-        first = 0
+        results, segments = np.empty((self.problem.samples, len(sets))), iter(self.problem.segments)
         for e, experiment in enumerate(self.problem.experiments):
             y = self.problem.outputs(sets, e)
             for i, weight in enumerate(self.problem.weights):
-                rows = slice(first, first + len(experiment.t))
+                rows = next(segments)
                 results[rows] = weight * (y[:, i] - experiment.measured[:, i, None]) - self.model.r[rows, None]
-                first = rows.stop
         diverged = ~(np.abs(results) < DIVERGENCE_THRESHOLD).all(axis=0)
         results[:, diverged] = 0.0  # a diverged simulation has no gain
         return results
