@@ -72,7 +72,7 @@ def _rounding(away: Any, softness: Any) -> Any:
 
 @block
 class DeadZone(Block):
-    r"""Slack: nothing comes out until the input leaves the zone.
+    r"""Dead zone: no output until the input leaves the zone.
 
     .. math:: y = \max(u - h, 0) + \min(u - l, 0)
     """
@@ -178,7 +178,7 @@ class SoftRateLimit(Block):
 
 @block
 class Relay(Block):
-    r"""Two-point switch that needs a larger input to go on than to stay on.
+    r"""Two-point switch with hysteresis: it switches on at a larger input than it switches off.
 
     .. math::
 
@@ -234,7 +234,7 @@ class Quantiser(Block):
 
 @block
 class LookupTable(Block):
-    r"""Straight lines between given points.
+    r"""Piecewise linear interpolation between given points.
 
     .. math:: y = v_0 + \sum_k \frac{v_{k+1} - v_k}{p_{k+1} - p_k} \min(\max(u - p_k, 0), p_{k+1} - p_k)
 

@@ -14,7 +14,7 @@ from tsmblocks.model.block import Block, Input, Output, Past, block, option, par
 
 @block
 class Integrator(Block):
-    r"""Time integral of a signal, which stops at its limits and may be set back.
+    r"""Time integral of a signal, with limits and an optional reset.
 
     .. math:: \dot z = K u \text{ unless it leads past a limit}, \qquad y = \min(\max(z, l), h)
 
@@ -107,7 +107,7 @@ class FilteredDerivative(Block):
 
 @block
 class FirstOrderLag(Block):
-    r"""A value that follows its input exponentially.
+    r"""First-order lag: a value that follows its input exponentially.
 
     .. math:: T \dot z = K u - z, \qquad y = z, \qquad \frac{Y(s)}{U(s)} = \frac{K}{T s + 1}
     """
@@ -130,7 +130,7 @@ class FirstOrderLag(Block):
 
 @block
 class SecondOrderLag(Block):
-    r"""A value that follows its input like a damped oscillator.
+    r"""Second-order lag: a value that follows its input like a damped oscillator.
 
     .. math::
 

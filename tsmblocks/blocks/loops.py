@@ -19,7 +19,7 @@ def _dahl_state(block: Any, t: Any, x: Any, u: Any) -> dict[str, Any]:  # noqa: 
 
 @block
 class Stretch(Block):
-    r"""What a signal loses in an elastic stretch that saturates with travel: a loop where there was none.
+    r"""A signal less an elastic stretch that saturates with travel: a hysteresis loop by Dahl's law.
 
     .. math:: y = u - w z, \qquad \dot z = \frac{v - |v| z}{d}, \qquad v = \dot u
 
@@ -44,7 +44,7 @@ class Stretch(Block):
 
 @block
 class LoopChange(Block):
-    r"""A loop that comes at one instant and stays: friction in the sheath after it is bent anew.
+    r"""A hysteresis loop that begins at one instant and stays: friction in the sheath after it is bent anew.
 
     .. math:: y = u + H(t) (g u + c z), \qquad \dot z = \frac{v - |v| z}{d}, \qquad
         H(t) = \tfrac12 \left[1 + \tanh\frac{t - t_0}{w}\right]
@@ -76,7 +76,7 @@ class LoopChange(Block):
 
 @block
 class LoopAsymmetry(Block):
-    r"""What makes the two branches of a loop differ: unequal slopes, and a state that prefers one side.
+    r"""Asymmetry of a hysteresis loop: unequal slopes, and a state that prefers one side.
 
     .. math::
 
@@ -109,7 +109,7 @@ class LoopAsymmetry(Block):
 
 @block
 class PositionDependentLoop(Block):
-    r"""A loop that widens to one side: friction that depends on how far the tool is bent.
+    r"""A hysteresis loop that widens with the displacement: friction that depends on how far the tool is bent.
 
     .. math:: y = u + g z, \qquad \dot z = \frac{x v - |v| z}{d}, \qquad v = \dot x
 
@@ -138,7 +138,7 @@ class PositionDependentLoop(Block):
 
 @block
 class NonlocalMemory(Block):
-    r"""Several plays beside the signal, so that inner loops remember where they began.
+    r"""Several plays in parallel with the signal, so that inner loops remember where they began.
 
     .. math:: y = u + \sum_i w_i \left(P_i[u] - u\right), \qquad P_i = \max(u - r_i, \min(u + r_i, m_i))
 

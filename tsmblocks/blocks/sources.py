@@ -145,7 +145,7 @@ class MultiSine(Block):
 
 @block
 class Chirp(Block):
-    r"""A sine whose frequency goes linearly from one value to another, and then stays there.
+    r"""A sine whose frequency changes linearly from one value to another, and then stays there.
 
     .. math::
 
@@ -196,7 +196,7 @@ class Random(Block):
 
 @block
 class Triangle(Block):
-    r"""Straight up and straight down at the same speed, rising from zero at time zero.
+    r"""Triangle wave, rising from zero at time zero.
 
     .. math:: y = a (1 - 4 | p - \lfloor p \rfloor - \tfrac12 |), \qquad p = f t + \tfrac14
     """

@@ -47,7 +47,7 @@ class Slack(Block):
 
 @block
 class Bend(Block):
-    r"""A characteristic that is bent: powers two to five on top of the straight line.
+    r"""A nonlinear characteristic: powers two to five added to the signal.
 
     .. math:: y = u + k_2 e^2 + k_3 e^3 + k_4 e^4 + k_5 e^5, \qquad e = u - c
     """
@@ -94,7 +94,7 @@ class Bow(Block):
 
 @block
 class Ripple(Block):
-    r"""An error that repeats with the signal itself: eccentricity, cogging, teeth.
+    r"""An error that is periodic in the signal itself: eccentricity, cogging, teeth.
 
     .. math:: y = u + a \cos n u + b \sin n u + a_2 \cos 2 n u + b_2 \sin 2 n u
     """
@@ -119,7 +119,7 @@ class Ripple(Block):
 
 @block
 class Drift(Block):
-    r"""An error that grows with time, faster or slower as it goes on: a sensor that warms up.
+    r"""An error that grows with time, linearly and quadratically: a sensor that warms up.
 
     .. math:: y = u + r (t - t_0) + c (t - t_0)^2
     """
@@ -199,7 +199,7 @@ class GainDrift(Block):
 
 @block
 class Disturbance(Block):
-    r"""An oscillation from outside that does not follow the signal: breathing, mains, a fan.
+    r"""An external oscillation, independent of the signal: breathing, mains, a fan.
 
     .. math:: y = u + a \cos 2 \pi f (t - t_0) + b \sin 2 \pi f (t - t_0)
     """
@@ -221,7 +221,7 @@ class Disturbance(Block):
 
 @block
 class Creep(Block):
-    r"""A share of the signal that arrives late: a sheath or a tendon that goes on giving way.
+    r"""A share of the signal that follows with a lag: creep of a sheath or a tendon.
 
     .. math:: T \dot z = u - z, \qquad y = u + s z
     """
@@ -244,7 +244,7 @@ class Creep(Block):
 
 @block
 class RateDependence(Block):
-    r"""A part of the signal that follows its rate, straight or along a power: viscous loss on the way.
+    r"""A term in the rate of the signal, linear or a power of it: viscous loss.
 
     .. math:: y = u + c\, v \left(v^2 + v_0^2\right)^{(n - 1)/2}, \qquad v = \dot u
 
@@ -269,7 +269,7 @@ class RateDependence(Block):
 
 @block
 class Resonance(Block):
-    r"""A share of the signal that swings: an elastic tendon with a load at its end.
+    r"""A share of the signal that resonates: an elastic tendon with a load at its end.
 
     .. math:: \ddot z = \omega^2 (u - z) - 2 \zeta \omega \dot z, \qquad y = u + s (z - u)
 
