@@ -278,8 +278,8 @@ class Block:
         for name, field in self._fields.items():
             value = plain(getattr(self, name))
             validate(type(self).__name__, name, field, value)
-            integer = isinstance(value, float) and type(field.default) is int  # ``plain`` makes every number a float
-            object.__setattr__(self, name, int(value) if integer else value)
+            whole = isinstance(value, float) and type(field.default) is int  # ``plain`` makes every number a float
+            object.__setattr__(self, name, int(value) if whole else value)
         # A reference has no number yet; the checks follow when the diagram puts its value in.
         if not any(is_reference(v) for k in self.parameters for _, v in leaves(getattr(self, k))):
             self._check_units()
@@ -345,15 +345,18 @@ def block(target: B | None = None, *, register: bool = True) -> Any:
     """
     if target is None:
         return functools.partial(block, register=register)
+    owner = target.__name__
     if target.__bases__ != (Block,):
-        owner, base = target.__name__, target.__bases__[0].__name__
+        base = target.__bases__[0].__name__
         raise BlockError(f"{owner} must derive from Block itself, not from {base}. Write class {owner}(Block).")
-    own = frozenset(vars(target))
+    if "__init__" in vars(target):
+        wrong = f"{owner} must not have __init__: it is made from what is declared."
+        raise BlockError(f"{wrong} Numbers that must go together are for check().")
     ports = {k: v for k, v in vars(target).items() if isinstance(v, (Input, Output, Tape, Past))}
     cls: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(target)
     cls._declared = ports
     cls._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(cls) if "tsm" in a.metadata}
-    _check_declarations(cls, own)
+    _check_declarations(cls)
     cls.__init__ = _by_name_only(cls.__init__, cls)
     cls.__setattr__ = _refuse_change
     if register:
@@ -361,15 +364,9 @@ def block(target: B | None = None, *, register: bool = True) -> Any:
     return cls
 
 
-def _check_declarations(cls: type[Block], own: frozenset[str]) -> None:
-    """Raise BlockError for a name that no block can use, ParameterError for a default out of its bounds.
-
-    ``own`` are the names in the body of the class.
-    """
+def _check_declarations(cls: type[Block]) -> None:
+    """Raise BlockError for a name that no block can use, ParameterError for a default out of its bounds."""
     owner = cls.__name__
-    if "__init__" in own:
-        wrong = f"{owner} must not have __init__: it is made from what is declared."
-        raise BlockError(f"{wrong} Numbers that must go together are for check().")
     for name, annotation in vars(cls).get("__annotations__", {}).items():
         if name in cls._declared:
             raise BlockError(f"{owner}.{name} is a port and takes no annotation: {name} = Input(…) or Output(…).")
