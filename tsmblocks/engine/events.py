@@ -19,7 +19,6 @@ import numpy as np
 from tsmblocks.common.errors import RunError
 from tsmblocks.engine.inputs import input_rows
 from tsmblocks.engine.kernel import Kernel, Memory, Steps
-from tsmblocks.engine.methods import Method
 from tsmblocks.engine.session import Session, Stopped
 from tsmblocks.engine.switches import Frozen, freeze
 from tsmblocks.engine.zero_crossing import Crossing, Event, Passed, Point
@@ -67,14 +66,14 @@ class Located(Session):
         return attrs.evolve(found, k=self.last[0], memory=self.last[1], steps=self.last[2])
 
 
-def locating(s: Session, method: Method, y: tuple[int, ...], backend: str) -> Located:
+def locating(s: Session, backend: str) -> Located:
     """The same session with switching instants located. Raises RunError for transport delays."""
     if s.eq.q:
         raise RunError(
             f"diagram '{s.eq.title}': locate=True does not go with a transport delay ({s.eq.q[0]}), which "
             "would bring kinks back at instants off the step. Leave out locate, or the delay."
         )
-    frozen = freeze(s.eq, method, y, backend)
+    frozen = freeze(s.eq, s.kernel.plan.method, s.kernel.plan.y, backend)
     return Located(s.eq, s.kernel, s.memory, s.signals, s.start, s.h, s.every, s.k, s.hits, frozen=frozen)
 
 
@@ -102,7 +101,7 @@ class _Walk:
         self.last = (self.k, self.memory(), n)
         self.length, self.since, self.plain = 2 * SHORTEST_STRETCH, 0, 1
         self.longest = max(SHORTEST_STRETCH, min(LONGEST_STRETCH, STRETCH_NUMBERS // frozen.whole.layout_y.size))
-        self.crossing = Crossing(frozen, session.signals, session.memory, session.start, session.h)
+        self.crossing = Crossing(frozen, session)
         a, b, c = np.cumsum([self.y.shape[1], len(self.x), len(self.d)])
         self.logged, self.states, self.memories = slice(a), slice(a, b), slice(b, c)
         self.now = slice(c, c + len(frozen.names))

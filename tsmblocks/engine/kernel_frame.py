@@ -43,10 +43,8 @@ def grades_of(program: Program) -> list[int]:
 def time_jumps(program: Program) -> bool:
     """Whether a comparison depends on time alone (a step, a staircase), or rounding on the past of a delay."""
     deciding = {"LT", "LE", "EQ", "NE", "SIGN", "FLOOR", "CEIL"}
-    read = [args for name, args in program.nodes if name == "INPUT" and program.inputs[args[0]] == "q"]
-    past = [
-        MOVING if k % DELAY_NUMBERS < DELAY_SAMPLES else TIME for k in range(max((k for _, k in read), default=0) + 1)
-    ]
+    delays = max((args[1] for name, args in program.nodes if name == "INPUT"), default=0) // DELAY_NUMBERS + 1
+    past = [MOVING if k < DELAY_SAMPLES else TIME for k in range(DELAY_NUMBERS)] * delays
     late = program.grade({k: past if name == "q" else SLOTS[name] for k, name in enumerate(program.inputs)})
     return any(
         (name in deciding and own == TIME) or (name == "FLOOR" and of_past == TIME)
@@ -78,12 +76,8 @@ class KernelFrame:
         self.update = LaneProgram(plan, plan.update) if plan.update is not None else None
         self.lag = LaneProgram(plan, plan.lag) if plan.wide_s else None
         self.jumps = time_jumps(self.rhs) if plan.jumps is None else plan.jumps
-        self.y = Layout.of(tuple(self.is_wide_output(k) for k in plan.y), plan.lanes)
-
-    def is_wide_output(self, k: int) -> bool:
-        """Whether signal k differs between lanes."""
-        node = self.rhs.outputs.get((1, k))
-        return node is not None and self.rhs.wide[node]
+        nodes = (self.rhs.outputs.get((1, k)) for k in plan.y)
+        self.y = Layout.of(tuple(node is not None and self.rhs.wide[node] for node in nodes), plan.lanes)
 
     # ---- the function, of which each form of kernel writes four sections
 
@@ -172,19 +166,16 @@ class KernelFrame:
         w = self.w
         if offset == 0:
             return "%tn"
-        if offset == 1:
-            end = w.emit(self.time_of(w.emit(f"sitofp i64 {w.emit('add i64 %kg, 1')} to double")))
-            return self._before(end) if self.jumps else end
-        part = w.emit(f"fmul double %h, {llvm_double(offset)}")
-        return w.emit(f"fadd double %tn, {part}")
-
-    def _before(self, t: str) -> str:
-        w = self.w
+        if offset != 1:
+            return w.emit(f"fadd double %tn, {w.emit(f'fmul double %h, {llvm_double(offset)}')}")
+        end = w.emit(self.time_of(w.emit(f"sitofp i64 {w.emit('add i64 %kg, 1')} to double")))
+        if not self.jumps:
+            return end
         of_step = w.emit(f"fmul double %h, {llvm_double(JUMP_OFFSETS[0])}")
-        of_time = w.emit(f"fmul double {w.intrinsic('fabs', [t], False)}, {llvm_double(JUMP_OFFSETS[1])}")
+        of_time = w.emit(f"fmul double {w.intrinsic('fabs', [end], False)}, {llvm_double(JUMP_OFFSETS[1])}")
         most = w.emit(f"fmul double %h, {llvm_double(JUMP_OFFSETS[2])}")
-        hair = w.operation("FMIN", [w.emit(f"fadd double {of_step}, {of_time}"), most], False)
-        return w.emit(f"fsub double {t}, {hair}")
+        before = w.operation("FMIN", [w.emit(f"fadd double {of_step}, {of_time}"), most], False)
+        return w.emit(f"fsub double {end}, {before}")
 
     def _hits(self) -> list[str]:
         """1 or 0 for each rate group at this instant; branches over the update section when idle."""

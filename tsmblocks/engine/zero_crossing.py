@@ -5,8 +5,9 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from tsmblocks.engine.inputs import Signal, input_rows
-from tsmblocks.engine.kernel import Memory, Steps
+from tsmblocks.engine.inputs import input_rows
+from tsmblocks.engine.kernel import Steps
+from tsmblocks.engine.session import Session
 from tsmblocks.engine.switches import Frozen, margin
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
@@ -54,10 +55,11 @@ class Passed:
 
 
 class Crossing:
-    """Takes single steps of length ``h`` with frozen switches; the parameters are those of ``like``."""
+    """Takes single steps of a session with frozen switches."""
 
-    def __init__(self, frozen: Frozen, signals: list[tuple[Signal, int]], like: Memory, start: float, h: float) -> None:
-        self.frozen, self.signals, self.like, self.start, self.h = frozen, signals, like, start, h
+    def __init__(self, frozen: Frozen, session: Session) -> None:
+        self.frozen, self.signals, self.like = frozen, session.signals, session.memory
+        self.start, self.h = session.start, session.h
         self.instants = frozen.part.plan.method.instants
         self.no_inputs = np.empty((2, len(self.instants), 0))
 

@@ -40,13 +40,18 @@ def divergence_error(session: Session, backend: str, steps: int) -> NotFinite:
     return error
 
 
+def _of(block: str, names: Iterable[str]) -> list[str]:
+    """Those names that belong to a block."""
+    return [name for name in names if name.rpartition(".")[0] == block]
+
+
 def _first_non_finite(eq: Equations, values: dict[str, float]) -> str:
     """The first block with a non-finite output and finite inputs and states."""
     for name, value in values.items():
-        block, _, _ = name.rpartition(".")
+        block = name.rpartition(".")[0]
         if math.isfinite(value) or block not in eq.reads or name in eq.x:
             continue
-        given = [*eq.reads[block][1].values(), *(s for s in (*eq.x, *eq.d) if s.rpartition(".")[0] == block)]
+        given = [*eq.reads[block][1].values(), *_of(block, (*eq.x, *eq.d))]
         if all(math.isfinite(values.get(s, 0.0)) for s in given):
             return block
     return ""
@@ -58,11 +63,9 @@ def _pairs(pairs: Iterable[tuple[str, float]]) -> str:
 
 def _output_message(eq: Equations, values: dict[str, float], block: str, time: float) -> str:
     kind, reads = eq.reads[block]
-    outputs = [(k, v) for k, v in values.items() if k.rpartition(".")[0] == block and not math.isfinite(v)]
+    outputs = [(k, values[k]) for k in _of(block, values) if not math.isfinite(values[k])]
     inputs = [(f"{port} (from {signal})", values.get(signal, math.nan)) for port, signal in reads.items()]
-    states = [
-        (k.rpartition(".")[2], values[k]) for k in (*eq.x, *eq.d) if k.rpartition(".")[0] == block and k in values
-    ]
+    states = [(k.rpartition(".")[2], values[k]) for k in _of(block, (*eq.x, *eq.d)) if k in values]
     text = f"{_pairs(outputs)} at t = {time:g} s, first in {block} ({kind})."
     text += f" Its inputs: {_pairs(inputs)}." if inputs else ""
     return text + (f" Its states: {_pairs(states)}." if states else "")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +100,11 @@ class Run(SignalViews):
         """
         return [*self.aliases, *(n for n in self.names if n not in self.aliases)]
 
+    def _picked(self, names: Iterable[str]) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+        """Signals and their units."""
+        chosen = list(names)
+        return {n: self[n] for n in chosen}, {n: self.unit(n) for n in chosen}
+
     def record(self, *names: str, name: str = "") -> Record:
         """Signals as a recording, as fits and scores take it.
 
@@ -115,9 +120,7 @@ class Run(SignalViews):
         Record
             The recording.
         """
-        chosen = names or tuple(self.aliases)
-        signals, units = {k: self[k] for k in chosen}, {k: self.unit(k) for k in chosen}
-        return Record(name or self.title, self.t, signals, units, "simulation")
+        return Record(name or self.title, self.t, *self._picked(names or self.aliases), "simulation")
 
     def unit(self, name: str) -> str:
         """The unit label of a signal.
@@ -162,8 +165,8 @@ class Run(SignalViews):
         pandas.DataFrame
             The table; ``attrs["units"]`` has the units, which ``from_pandas`` reads. Needs pandas.
         """
-        chosen = as_list(names) or self.keys()
-        return frame({n: self[n] for n in chosen}, self.t, "t", {"t": "s", **{n: self.unit(n) for n in chosen}})
+        signals, units = self._picked(as_list(names) or self)
+        return frame(signals, self.t, "t", {"t": "s", **units})
 
     def to_xarray(self, names: Sequence[str] | None = None) -> Any:
         """Signals over ``t`` [s].
@@ -209,6 +212,5 @@ class Run(SignalViews):
         DataError
             For another ending, two signals with one name in .mat, and names that cannot be written.
         """
-        chosen = as_list(names) or list(self.aliases) or self.keys()
-        signals, units = {n: self[n] for n in chosen}, {n: self.unit(n) for n in chosen}
+        signals, units = self._picked(as_list(names) or self.aliases or self)
         return written(path, self.t, signals, units, "Give the output another name, or leave it out with names=[...].")

@@ -126,7 +126,7 @@ def simulate(
     session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
     warn_of_fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
     if locate:
-        session = locating(session, rule, chosen, backend)
+        session = locating(session, backend)
     rows, stopped = session.run(times.steps, progress)
     run = _result(diagram.title, session, names, rows, p, k, stopped is None)
     if stopped is None or stopped.interrupted:

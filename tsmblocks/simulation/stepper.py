@@ -117,11 +117,10 @@ class Stepper:
         u = np.tile(values, (2, len(self.kernel.plan.method.instants), 1)) if values else np.empty((2, 1, 0))
         y = np.empty((1, self.kernel.layout_y.size))
         before = self.memory.copy()
-        one = Steps(self.start, self.h, self.k, 1, False, self.hits, every=1 << 40, skip=1)
-        self.kernel.advance(self.memory, u, y, one)
+        self.kernel.advance(self.memory, u, y, Steps(self.start, self.h, self.k, 1, False, self.hits, skip=1))
         self.k += 1
         # Outputs at the end are read on a copy: sampled blocks act once.
-        self.kernel.advance(self.memory.copy(), u, y, one._replace(k0=self.k, n=0, final=True, skip=0))
+        self.kernel.advance(self.memory.copy(), u, y, Steps(self.start, self.h, self.k, 0, True, self.hits))
         if not (np.isfinite(y).all() and np.isfinite(self.memory.x).all()):
             self.memory, self.k = before, self.k - 1
             raise self._not_finite(before, values)
