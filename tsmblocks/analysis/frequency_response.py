@@ -234,33 +234,33 @@ def frequency_response(
     longest, least = as_positive("step", step), as_integer("samples", samples, 4 * most)
     constant, kept = as_inputs(inputs), list(dict.fromkeys([f"{source}.y", shown]))
     response = np.full((len(a), len(f)), np.nan, dtype=complex)
-    over = np.full((len(a), len(f), most - 1), np.nan)
-    for k, one in enumerate(f):
-        n, left_out = max(least, math.ceil(1.0 / (one * longest))), settling
+    overtones = np.full((len(a), len(f), most - 1), np.nan)
+    for k, frequency in enumerate(f):
+        n, left_out = max(least, math.ceil(1.0 / (frequency * longest))), settling
         if n * (left_out + count) > MOST_STEPS:
             raise RunError(
-                f"a run at {one:g} Hz would take {n * (left_out + count):,} steps. Take a longer step, or leave "
+                f"a run at {frequency:g} Hz would take {n * (left_out + count):,} steps. Take a longer step, or leave "
                 "such frequencies out."
             )
         harmonics_of = _Harmonics(f"{source}.y", shown, n, count, most, held)
         waiting = np.arange(len(a))
         while len(waiting):
-            sets = {f"{source}.amplitude": a[waiting], f"{source}.frequency": np.full(len(waiting), one)}
-            stop = (left_out + count) / one
-            options = RunOptions(stop, 1.0 / (one * n), 0.0, method, constant, "zero", backend=backend)
+            sets = {f"{source}.amplitude": a[waiting], f"{source}.frequency": np.full(len(waiting), frequency)}
+            stop = (left_out + count) / frequency
+            options = RunOptions(stop, 1.0 / (frequency * n), 0.0, method, constant, "zero", backend=backend)
             batch = batch_of(tuned, sets, options, kept)
             values = batch.results(0, batch.count, harmonics_of, threads)
             settled = ~(values["change"] > PERIODICITY_TOLERANCE)
             done = waiting[settled]
             response[done, k] = values["response"][settled]
             for m in range(2, most + 1):
-                over[done, k, m - 2] = values[f"harmonic {m}"][settled]
+                overtones[done, k, m - 2] = values[f"harmonic {m}"][settled]
             waiting, left_out = waiting[~settled], 4 * max(left_out, 1)
             if left_out > MOST_SETTLING_PERIODS or n * (left_out + count) > MOST_STEPS:
                 break
     name, unit = driven or (next(iter(diagram.inputs)) if source == SOURCE_NAME else source), tuned.unit(f"{source}.y")
     _warn_of_unsettled(shown, f, a, np.isnan(response), unit)
-    return FrequencyResponse(diagram.title, name, shown, f, a, response, over, unit)
+    return FrequencyResponse(diagram.title, name, shown, f, a, response, overtones, unit)
 
 
 def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarray, unit: str) -> None:
@@ -269,8 +269,8 @@ def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarr
     factor, label = display_unit(unit)
     points = [f"{factor * a[i]:.3g} {label}".rstrip() + f" at {f[k]:.3g} Hz" for i, k in np.argwhere(where)]
     warnings.warn(
-        f"the answer of '{shown}' to {len(points)} of {where.size} sines never becomes periodic: {listed(points, 3)}. "
-        "It is NaN there. A limit cycle does that, and a signal that drifts; tsm.simulate shows which.",
+        f"the response of '{shown}' to {len(points)} of {where.size} sines never becomes periodic: {listed(points, 3)}"
+        ". It is NaN there. A limit cycle does that, and a signal that drifts; tsm.simulate shows which.",
         SettlingWarning,
         stacklevel=3,
     )
