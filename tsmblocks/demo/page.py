@@ -36,7 +36,7 @@ Line = tuple[np.ndarray, np.ndarray, str]
 
 def page(cases: Sequence[Case], story: Story) -> str:
     """The whole page; the same numbers give the same text."""
-    diagnosis, left = story.diagnosis, story.fit.differences.rms
+    diagnosis, residual = story.diagnosis, story.fit.differences.rms
     effects = " and ".join(f"{e.words} on {e.wire.strip()}" for e in diagnosis.effects)
     ends = [story.tracked[0], *(best(story, model) for model in story.models)]
     values = dict(
@@ -49,7 +49,7 @@ def page(cases: Sequence[Case], story: Story) -> str:
         recordings=_recordings(story),
         model=to_svg(model()),
         estimates=[(e.name, f"{e.value:.4g}", f"{e.low:.4g} … {e.high:.4g}", e.unit) for e in story.fit.estimates],
-        left={"rms": digits(left / DEG), "times_noise": f"{left / FLOOR:.1f}"},
+        residual={"rms": digits(residual / DEG), "times_noise": f"{residual / FLOOR:.1f}"},
         verdict=verdict_sentence(diagnosis.worst),
         augmented=to_svg(diagnosis.augmented, highlight=[e.block for e in diagnosis.effects]),
         diagnosed=_diagnosed(diagnosis),

@@ -56,13 +56,14 @@ def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
     taps: tuple[Point, ...] = ((x + 7, y),) if net.tapped else ()
     pairs = [pair for loop in plan.graph.loops for pair in zip(loop.nets, loop.blocks, strict=False)]
     returned = [(key, plan.graph.nodes[key].ins[0]) for one, key in pairs if one is net]
-    targets = tuple(map(_said, (*net.ahead, *returned, *net.back)))
-    unit = diagram.unit(_said(net.source))
-    about = f"{_said(net.source)}{f' [{unit}]' if unit else ''} → {', '.join(targets) or 'nothing'}"
-    return Wire(_said(net.source), targets, lines, tuple(plan.arrows[net]), dots, taps, (label,) if text else (), about)
+    targets = tuple(map(_end_name, (*net.ahead, *returned, *net.back)))
+    signal = _end_name(net.source)
+    unit = diagram.unit(signal)
+    about = f"{signal}{f' [{unit}]' if unit else ''} → {', '.join(targets) or 'nothing'}"
+    return Wire(signal, targets, lines, tuple(plan.arrows[net]), dots, taps, (label,) if text else (), about)
 
 
-def _said(end: End) -> str:
+def _end_name(end: End) -> str:
     return ".".join(filter(None, (end[0].lstrip("<>"), end[1])))
 
 

@@ -18,8 +18,9 @@ def traced(pieces: Iterable[Piece]) -> tuple[tuple[tuple[Point, ...], ...], tupl
     lines: list[tuple[Point, ...]] = []
     for start in knots + [p for p in around if p not in knots]:  # rings without a knot come last
         for following in around[start]:
-            line = _line(start, following, around, done) if frozenset((start, following)) not in done else []
-            lines += [_corners(line)] if line else []
+            if frozenset((start, following)) not in done:
+                line = _line(start, following, around, done)
+                lines.append(_corners(line))
     return tuple(lines), tuple(p for p in knots if len(around[p]) > 2)
 
 

@@ -5,7 +5,7 @@ It works on the heights of pins only.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import attrs
@@ -88,12 +88,17 @@ def _on_cycle(trunks: list[Trunk]) -> Trunk | None:
     """A trunk on a cycle of ``_before``, with wires on both sides; None where there is no cycle."""
     left = list(trunks)
     while left:
-        loose = [t for t in left if not any(_before(o, t) for o in left if o is not t)]
+        loose = list(_loose(left))
         if not loose:
-            found = [t for t in left if any(_before(t, o) for o in left if o is not t) and t.left and t.right]
-            return found[0]
+            both = (t for t in left if t.left and t.right)
+            return next(t for t in both if any(_before(t, o) for o in left if o is not t))
         left = [t for t in left if t not in loose]
     return None
+
+
+def _loose(trunks: list[Trunk]) -> Iterator[Trunk]:
+    """Trunks that need not stand right of another."""
+    return (t for t in trunks if not any(_before(o, t) for o in trunks if o is not t))
 
 
 def _free_height(trunk: Trunk, levels: set[float]) -> float:
@@ -108,9 +113,8 @@ def _sorted(trunks: list[Trunk]) -> list[Trunk]:
     order: list[Trunk] = []
     left = sorted(trunks, key=lambda t: (t.low, t.high))
     while left:
-        chosen = next(t for t in left if not any(_before(o, t) for o in left if o is not t))
-        left.remove(chosen)
-        order.append(chosen)
+        order.append(next(_loose(left)))
+        left.remove(order[-1])
     changed = True
     while changed:
         changed = False

@@ -30,7 +30,7 @@ def fit_card(fit: Fit) -> str:
         fit.diagram.title or "Fit",
         f"{fit.method}: {STATUS[fit.status]}{agree}",
         table_of(estimate_rows(fit), {0, 4, 6}, MOST),
-        *_left(fit.differences),
+        *_residuals(fit.differences),
         listed(cautions(fit), "beware"),
     )
 
@@ -38,7 +38,7 @@ def fit_card(fit: Fit) -> str:
 @view.register
 def differences_card(differences: Differences) -> str:
     """The residuals of one diagram on some recordings."""
-    return card(differences.title, "", *_left(differences))
+    return card(differences.title, "", *_residuals(differences))
 
 
 @view.register
@@ -59,7 +59,7 @@ def comparison_card(comparison: Comparison) -> str:
     )
 
 
-def _left(differences: Differences) -> tuple[str, str]:
+def _residuals(differences: Differences) -> tuple[str, str]:
     if not len(differences):
         return "", ""
     return table_of(residual_rows(differences), {0, 3}, MOST), _chart(_worst(differences))
@@ -72,10 +72,10 @@ def _worst(differences: Differences) -> Difference:
 def _chart(one: Difference, before: str = "") -> str:
     """One output of one experiment over time: measured, simulated, and the residual."""
     k, unit = units.display_unit(one.unit)
-    measured, simulated, left = (k * np.asarray(y) for y in (one.measured, one.simulated, one.residual))
+    measured, simulated, residual = (k * np.asarray(y) for y in (one.measured, one.simulated, one.residual))
     title = heading(f"{before}{one.experiment}, {one.output}", unit)
     words = f"{one.output} of {one.experiment} over time, measured and simulated"
     above = time_chart(one.t, [("measured", measured), ("c0", simulated)], title, words)
     words = f"residual of {one.output} in {one.experiment} over time"
-    below = time_chart(one.t, [("c1", left)], heading("residual", unit), words, zero=True)
+    below = time_chart(one.t, [("c1", residual)], heading("residual", unit), words, zero=True)
     return part("charts", (above, below)) + part("key", [("measured", "measured"), ("c0", "simulated")])

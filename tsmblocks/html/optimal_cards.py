@@ -19,10 +19,10 @@ def control_card(control: OptimalControl) -> str:
     run = control.run
     names = list(dict.fromkeys([*run.aliases, *(name for name in control.commands if name in run)]))
     signals = {name: (run[name], run.unit(name)) for name in names}
-    said = [] if control.found else [f"The search did not converge to a local optimum: {control.word}."]
+    notes = [] if control.found else [f"The search did not converge to a local optimum: {control.word}."]
     return card(
         str(attrs.evolve(control, found=True)),
         f"{len(control.t)} samples of {', '.join(control.commands)}",
         over_time(run.t, signals, "over time, with the commands found"),
-        listed(said),
+        listed(notes),
     )

@@ -145,9 +145,9 @@ def _ranked(r: RankedCandidate, experiments: int) -> tuple[str, ...]:
     for name, value in r.parameters.items():
         text = Markup("{} {}").format(name, in_display_units(value, r.units.get(name, "")))
         values.append(text + Markup(" <small>at its bound</small>") if name in r.at_bound else text)
-    said = "named" if r.named else "indistinguishable from it" if r.in_set else ""
+    outcome = "named" if r.named else "indistinguishable from it" if r.in_set else ""
     shares = (percent(r.share), percent(share_across_experiments(r, experiments)))
-    return (*_where(r), LINE_BREAK.join(values), *shares, f"{r.t:.1f}", f"{r.line:.1f}", said)
+    return (*_where(r), LINE_BREAK.join(values), *shares, f"{r.t:.1f}", f"{r.line:.1f}", outcome)
 
 
 def _where(r: RankedCandidate) -> tuple[str, ...]:

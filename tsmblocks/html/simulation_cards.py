@@ -36,6 +36,6 @@ def batch_card(batch: Batch) -> str:
     cells = [[str(k), *(table_number(float(v[k])) for v in columns.values())] for k in range(min(count, MOST_ROWS))]
     signals = [f"{name} {v.shape}" for name, v in batch.results.items() if v.ndim > 1]
     failed = int(batch.failed.sum())
-    said = [f"Signals: {few(signals)}."] if signals else []
-    said += [f"{failed} sets have results that are not finite."] if failed else []
-    return card(f"Batch of {count} runs", "", rows(["set", *columns], cells, count=count), listed(said))
+    notes = [f"Signals: {few(signals)}."] if signals else []
+    notes += [f"{failed} sets have results that are not finite."] if failed else []
+    return card(f"Batch of {count} runs", "", rows(["set", *columns], cells, count=count), listed(notes))

@@ -40,14 +40,14 @@ def study_card(results: Results) -> str:
         where = ", ".join(f"{one} {_value(best[one])}" for one in results.parameters if one in best)
         cells.append([heading(name, unit), *(table_number(k * v) for v in results.quantiles(name).values()), where])
     failed = int(results.failed.sum())
-    said = [f"{failed} runs have a metric that is not a number (an unstable loop, say)."] if failed else []
+    notes = [f"{failed} runs have a metric that is not a number (an unstable loop, say)."] if failed else []
     drawn = [_spread(results, name) for name in list(results.metrics)[:MOST_CHARTS]]
     return card(
         f"{results.title}: {results.kind}, {done}",
         f"over {few(results.parameters)}",
         rows(["l:metric", *QUANTILES, "l:lowest at"], cells),
         part("charts", drawn),
-        listed(said),
+        listed(notes),
     )
 
 

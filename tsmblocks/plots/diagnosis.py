@@ -107,11 +107,11 @@ def _traces(panel: Any, trace: Trace, gap: Gap) -> None:
     k, unit = display_unit(trace.unit)
     noise = 2 * k * gap.noise_floor
     panel.axhspan(-noise, noise, color=NOISE, alpha=0.25, lw=0, label="noise (± 2 rms)")
-    left = [k * (trace.measured - trace.before), k * (trace.measured - trace.after)]
-    panel.plot(trace.t, left[0], color=BEFORE, lw=0.8, label="before")
-    if not np.array_equal(*left):
-        panel.plot(trace.t, left[1], color=AFTER, lw=0.8, label="after")
-    reach = max(float(np.abs(left[0]).max()), noise)
+    before, after = k * (trace.measured - trace.before), k * (trace.measured - trace.after)
+    panel.plot(trace.t, before, color=BEFORE, lw=0.8, label="before")
+    if not np.array_equal(before, after):
+        panel.plot(trace.t, after, color=AFTER, lw=0.8, label="after")
+    reach = max(float(np.abs(before).max()), noise)
     for start, stop, *squares in strips(trace):
         for low, square, colour in zip((1.22 * reach, 1.12 * reach), squares, (BEFORE, AFTER), strict=True):
             panel.fill_between([start, stop], low, low + 0.09 * reach, color=colour, alpha=darkness(square), lw=0)

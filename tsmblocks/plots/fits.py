@@ -115,12 +115,12 @@ def _history(panel: Any, one: Difference) -> None:
 
 
 def _residual(panel: Any, one: Difference) -> None:
-    left, unit = shown(one.residual, one.unit)
+    residual, unit = shown(one.residual, one.unit)
     floor = _floor(one)
     if floor:
         band = 2 * float(shown(np.array([floor]), one.unit)[0][0])
         panel.axhspan(-band, band, color=COLOURS[2], alpha=0.25, lw=0, label="noise (± 2 rms)")
-    panel.plot(one.t, left, color=COLOURS[1], lw=0.8, label="residual")
+    panel.plot(one.t, residual, color=COLOURS[1], lw=0.8, label="residual")
     panel.axhline(0.0, color=INK, lw=0.6)
     dress(panel, "t [s]", heading("residual", unit))
 

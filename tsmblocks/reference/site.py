@@ -106,9 +106,9 @@ def _sphinx(source: Path, out: Path, doctrees: Path) -> None:
         Sphinx(source, source, out, doctrees, "html", status=None, warning=warnings, freshenv=True).build(
             force_all=True
         )
-    said = re.sub(r"\x1b\[[0-9;]*m", "", warnings.getvalue()).strip()
-    if said:
-        raise PagesError(f"the pages are in {out}, with warnings of Sphinx:\n{said}")
+    messages = re.sub(r"\x1b\[[0-9;]*m", "", warnings.getvalue()).strip()
+    if messages:
+        raise PagesError(f"the pages are in {out}, with warnings of Sphinx:\n{messages}")
     for name in ("objects.inv", ".buildinfo"):
         (out / name).unlink(missing_ok=True)
     shutil.rmtree(out / "_sources", ignore_errors=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 import attrs
@@ -120,15 +121,11 @@ LATEX = Notation(
     cases=_cases,
     result=_result,
 )
+LEAVES = ("CONST", "INPUT")
 SWITCHES = {
-    "FABS": "«0» = 0",
-    "SIGN": "«0» = 0",
-    "FMIN": "«0» = «1»",
-    "FMAX": "«0» = «1»",
-    "LT": "«0» = «1»",
-    "LE": "«0» = «1»",
-    "FLOOR": r"«0» \in \mathbb{Z}",
-    "CEIL": r"«0» \in \mathbb{Z}",
+    **dict.fromkeys(("FABS", "SIGN"), "«0» = 0"),
+    **dict.fromkeys(("FMIN", "FMAX", "LT", "LE"), "«0» = «1»"),
+    **dict.fromkeys(("FLOOR", "CEIL"), r"«0» \in \mathbb{Z}"),
 }
 """Operations with a kink or a jump, and where it is."""
 _LETTERS = """alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi
@@ -147,7 +144,7 @@ def symbol(name: str) -> str:
     if head[0] == "k" and len(head) in (2, 3) and not tail:
         head, below = "k", head[1:]
     elif not (head in GREEK or len(head) == 1 or numbered):
-        head, below = "", ",".join(filter(None, (*places,)))
+        head, below = "", ",".join(places)
     made = _word(head) if head else rf"\text{{{name.replace('_', ' ')}}}"
     return f"{made}_{{{below}}}" if below else made
 
@@ -202,13 +199,11 @@ class _Walk:
     def __init__(self, program: Program, names: Sequence[str], notation: Notation) -> None:
         self.program, self.names, self.notation = program, names, notation
         self.letter = next(k for k in "wqgh" if not any(name.startswith(k) for name in names))
-        self.uses = [0] * len(program.nodes)
-        for node in (*program.outputs.values(), *(k for n in range(len(program.nodes)) for k in program.arguments(n))):
-            self.uses[node] += 1
+        self.uses = Counter(k for n in range(len(program.nodes)) for k in program.arguments(n))
+        self.uses.update(program.outputs.values())
         self.sizes: list[int] = []
         for name, args in program.nodes:
-            leaf = name in ("CONST", "INPUT")
-            self.sizes.append(0 if leaf else 1 + sum(self.sizes[k] for k in args))
+            self.sizes.append(0 if name in LEAVES else 1 + sum(self.sizes[k] for k in args))
         self.pieces: dict[int, Piece] = {}
         self.shared: list[tuple[str, str]] = []
 
@@ -227,7 +222,7 @@ class _Walk:
                 self.pieces[node] = (side, ATOM)
         used = self.program.needed(goals)
         switches = [self._switch(node) for node in sorted(used) if self.program.nodes[node][0] in SWITCHES]
-        operations = sum(self.program.nodes[k][0] not in ("CONST", "INPUT") for k in used)
+        operations = sum(self.program.nodes[k][0] not in LEAVES for k in used)
         return Listing(tuple(self.shared), tuple(made), tuple(dict.fromkeys(switches)), operations)
 
     def piece(self, node: int) -> Piece:
