@@ -301,8 +301,8 @@ def test_a_slow_answer_is_waited_for(frequency, damping):
 def test_what_never_settles_has_no_answer():
     oscillator = tsm.blocks.SecondOrderLag(omega=2 * np.pi * 5.37, zeta=0.0)
     said = (
-        r"^the response of 'y' to 2 of 2 sines never becomes periodic: 1 at 1 Hz and 1 at 2 Hz. It is NaN there. A limit "
-        r"cycle does that, and a signal that drifts; tsm.simulate shows which.$"
+        r"^the response of 'y' to 2 of 2 sines never becomes periodic: 1 at 1 Hz and 1 at 2 Hz. It is NaN there. A "
+        r"limit cycle does that, and a signal that drifts; tsm.simulate shows which.$"
     )
     with pytest.warns(SettlingWarning, match=said):
         found = frequency_response(line(oscillator), [1.0, 2.0], [1.0])
