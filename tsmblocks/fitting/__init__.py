@@ -1,4 +1,4 @@
-"""Fits: free parameters of a diagram found from recordings, with how well the recordings determine them.
+"""Fits: free parameters of a diagram estimated from recordings, with confidence intervals.
 
 How a fit works, in reading order: ``fit`` (the steps and the methods), ``setup`` (from a diagram and recordings to a
 problem), ``parameters`` (what is free, with bounds), ``residuals`` (residuals and Jacobian of an experiment),

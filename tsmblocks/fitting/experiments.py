@@ -11,6 +11,7 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, RunError, clip, near
 from tsmblocks.data import Record
+from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.missing_units import how_to_map
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import input_rows
@@ -23,8 +24,6 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import TimeGrid
 from tsmblocks.simulation.lanes import batch_kernel, directions, lane_memory, tangent_kernel
 
-FEWEST = 4
-"""Fewest samples of a recording that can be compared. Chosen."""
 MOST_STEPS = 10**8
 """Most steps of one run. Chosen: the inputs of more do not fit into memory."""
 UNEVEN = 5e-3
@@ -289,14 +288,14 @@ def compared(records: Mapping[str, Record], diagram: Diagram, given: Sequence[st
 
 
 def span(name: str, record: Record, window: Window) -> slice:
-    """The samples from ``window[0]`` to ``window[1]`` [s]. Raises DataError for fewer than ``FEWEST``."""
+    """The samples from ``window[0]`` to ``window[1]`` [s]. Raises DataError for fewer than ``MIN_RECORD_SAMPLES``."""
     low, high = (-math.inf if window[0] is None else window[0]), (math.inf if window[1] is None else window[1])
     first, last = np.searchsorted(record.t, low), int(np.searchsorted(record.t, high, side="right"))
-    if last - first < FEWEST:
+    if last - first < MIN_RECORD_SAMPLES:
         count = max(last - int(first), 0)
         raise DataError(
             f"experiment '{name}': the window{_ends(window)} holds {count} "
-            f"sample{'s' if count != 1 else ''}, and at least {FEWEST} are needed; it was recorded from "
+            f"sample{'s' if count != 1 else ''}, and at least {MIN_RECORD_SAMPLES} are needed; it was recorded from "
             f"{record.t[0]:g} to {record.t[-1]:g} s."
         )
     return slice(int(first), last)

@@ -70,7 +70,6 @@ def undetermined(
     held: np.ndarray | None = None,
     low: np.ndarray | None = None,
     high: np.ndarray | None = None,
-    level: float = 0.95,
 ) -> tuple[Undetermined, ...]:
     """Name what is not identifiable from the data, the plainest first.
 
@@ -78,10 +77,9 @@ def undetermined(
     ``scales`` (p,) are the changes that count as all of a parameter (``sizes``; by default what was found,
     one for zero); ``low`` and ``high`` (p,) are bounds.
 
-    Moving along a direction by all of its parameters' size must change the residuals by more than their noise
-    can hide, colour included: otherwise the direction is named. With the data as a whole, that is when
-    the interval of the direction at ``level`` is wider than the direction is long. Parameters that are
-    held are left out, and so is whatever a prior determines.
+    Moving along a direction by all of its parameters' size must change the residuals by more than their autocorrelated
+    noise can: otherwise the direction is named. For the data as a whole, that is when its confidence interval is wider
+    than the direction is long. Parameters that are held, and whatever a prior determines, are not named.
     """
     theta = np.asarray(theta, dtype=float)
     scales = np.where(theta != 0, np.abs(theta), 1.0) if scales is None else np.asarray(scales, dtype=float)
@@ -90,11 +88,12 @@ def undetermined(
     size = np.sqrt(np.einsum("pn,pn->p", rows, rows) + np.diag(weight))
     wording = _Wording(tuple(names), rows, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
     held = np.empty((0, len(theta))) if held is None else np.asarray(held, dtype=float).reshape(-1, len(theta)) * scales
-    silent = _silent(size, _free(held))
+    loose = np.abs(np.linalg.norm(_free(held), axis=1) - 1) < 1e-6  # held back by nothing else
+    silent = loose & (size <= SILENT * size.max(initial=0.0))
     found = [wording.without_influence(int(i)) for i in np.flatnonzero(silent)]
     weak = _null(rows, weight, size, _free(np.vstack([held, np.eye(len(theta))[silent]])))
     found += [wording.combination(v, "only matter through a combination") for v in weak]
-    half = intervals(np.zeros(len(theta)), known.covariance, known.freedom, level)[1] / scales
+    half = intervals(np.zeros(len(theta)), known.covariance, known.freedom)[1] / scales
     vague = [v for v in _vague(known, scales, half) if (np.abs(v) >= LEADING).sum() > 1]
     found += [wording.combination(v, "are indistinguishable with these data", LEADING) for v in vague]
     named = {name for u in found for name in u.names}
@@ -113,12 +112,6 @@ def _free(held: np.ndarray) -> np.ndarray:
         return np.eye(held.shape[1])
     _, size, turn = np.linalg.svd(held / np.maximum(np.linalg.norm(held, axis=1, keepdims=True), 1e-300))
     return turn[int((size > 1e-10).sum()) :].T
-
-
-def _silent(size: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Which parameters, of effects ``size``, change nothing, whatever else holds them back."""
-    loose = np.abs(np.linalg.norm(free, axis=1) - 1) < 1e-6
-    return loose & (size <= SILENT * size.max(initial=0.0))
 
 
 def _null(rows: np.ndarray, weight: np.ndarray, size: np.ndarray, free: np.ndarray) -> list[np.ndarray]:

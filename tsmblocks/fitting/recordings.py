@@ -11,8 +11,9 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, in_words, near
 from tsmblocks.data import Record, read
+from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.missing_units import assumed_units, refuse_doubtful
-from tsmblocks.fitting.experiments import FEWEST, Window
+from tsmblocks.fitting.experiments import Window
 from tsmblocks.model.diagram import Diagram
 
 Data = Any
@@ -51,10 +52,9 @@ def _record(one: Any, name: str) -> Record:
             "Of arrays tsm.Record(name, t, signals, units) makes one."
         )
     title = f"experiment '{one.name}'"
-    if len(one) < FEWEST:
-        raise DataError(
-            f"{title} has {len(one)} sample{'s' if len(one) != 1 else ''}, and at least {FEWEST} are needed."
-        )
+    if len(one) < MIN_RECORD_SAMPLES:
+        count = f"{len(one)} sample{'s' if len(one) != 1 else ''}"
+        raise DataError(f"{title} has {count}, and at least {MIN_RECORD_SAMPLES} are needed.")
     late = np.flatnonzero(~(np.diff(one.t) > 0))
     if len(late) or not np.isfinite(one.t[[0, -1]]).all():
         k = int(late[0]) + 1 if len(late) else int(np.isinf(one.t[-1])) * (len(one) - 1)
