@@ -79,9 +79,12 @@ def test_rests_are_found_where_they_are(begin, end):
     assert abs(one.stop - end) <= 2
 
 
-@given(st.integers(0, 10_000), st.integers(60, 300), st.floats(0.3, 3.0))
+@given(st.integers(0, 10_000), st.integers(60, 300), st.floats(0.35, 3.0))
 def test_what_is_held_is_the_mean_and_what_moves_stays(seed, length, speed):
-    """Rests between two ramps: the samples away from their ends are the mean or the signal."""
+    """Rests between two ramps: the samples away from their ends are the mean or the signal.
+
+    Below 0.31 a sample of the slow ramp lies within the noise now and then (2 of 6000 draws).
+    """
     ramp = speed * STEP * np.arange(200)
     x = noisy(np.concatenate([ramp - ramp[-1], np.zeros(length), ramp]), seed, 0.2 * NOISE)
     made, share = held_at_rest(x, STEP, NOISE)
