@@ -14,14 +14,9 @@ view = functools.singledispatch(no_view)
 @view.register
 def frequency_card(response: FrequencyResponse) -> str:
     """A frequency response: gain, phase and distortion at each frequency, for each amplitude."""
+    columns = (response.gain, response.phase, 100 * response.distortion)
     cells = [
-        (
-            table_number(a),
-            table_number(f),
-            table_number(response.gain[i, k]),
-            table_number(response.phase[i, k]),
-            table_number(100 * response.distortion[i, k]),
-        )
+        [table_number(value) for value in (a, f, *(column[i, k] for column in columns))]
         for i, a in enumerate(response.amplitudes)
         for k, f in enumerate(response.frequencies)
     ]

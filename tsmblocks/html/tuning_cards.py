@@ -16,18 +16,10 @@ view = functools.singledispatch(no_view)
 @view.register
 def tuned_card(tuned: Tuned) -> str:
     """The result of a tuning: the parameters, and each metric in each case before and after."""
-    at = tuned.at_bounds
-    values = rows(
-        ["l:parameter", "before", "tuned", "from", "to", "l:"],
-        [
-            (
-                name,
-                *map(table_number, (tuned.own[name], v, *tuned.bounds[name])),
-                f"at its {at[name]} bound" if name in at else "",
-            )
-            for name, v in tuned.values.items()
-        ],
-    )
+    at, parameters = tuned.at_bounds, []
+    for name, value in tuned.values.items():
+        numbers = map(table_number, (tuned.own[name], value, *tuned.bounds[name]))
+        parameters.append((name, *numbers, f"at its {at[name]} bound" if name in at else ""))
     display = {name: units.display_unit(unit) for name, unit in tuned.units.items()}
     cells = [
         (case, tuned.title(name), table_number(k * tuned.before[case][name]), table_number(k * after[name]))
@@ -35,12 +27,11 @@ def tuned_card(tuned: Tuned) -> str:
         for name, (k, _) in display.items()
     ]
     k, unit = display[tuned.objective]
-    worst = f"{named(tuned.objective)[0]} in the worst case: {_ends([k * v for v in tuned.worst], unit)}"
+    first, last = (table_number(k * v) for v in tuned.worst)
     return card(
-        "Tuned", worst, values, rows(["l:case", "l:metric", "before", "tuned"], cells), listed(list(tuned.remarks))
+        "Tuned",
+        f"{named(tuned.objective)[0]} in the worst case: {first} before, {last} {unit} tuned",
+        rows(["l:parameter", "before", "tuned", "from", "to", "l:"], parameters),
+        rows(["l:case", "l:metric", "before", "tuned"], cells),
+        listed(tuned.remarks),
     )
-
-
-def _ends(values: list[float], unit: str) -> str:
-    before, after = values
-    return f"{table_number(before)} before, {table_number(after)} {unit} tuned"

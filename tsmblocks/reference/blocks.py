@@ -118,16 +118,14 @@ def _ports(block: Block) -> str:
         rows.append((rst.code(name), "past", "", f"{rst.words(past.about)}: ``{past.of}``, ``{past.by}`` ago"))
     labels = [p.unit for p in block.inports.values()] + [p.unit for p in block.outports.values()]
     letters = LETTERS if any("?" in label for label in labels) else ""
-    return rst.page(
-        rst.heading("Ports", 1), rst.table(("Port", "", "Unit", "Meaning"), rows, (16, 14, 14, 56)), letters
-    )
+    return rst.page(rst.section("Ports", ("Port", "", "Unit", "Meaning"), rows, (16, 14, 14, 56)), letters)
 
 
 def _numbers(block: Block, label: str) -> str:
     parts = []
     for kind in ("parameter", "option"):
         rows = [
-            (rst.code(k), default_text(getattr(block, k)), _own_unit(f.unit), bounds(f), rst.words(f.about))
+            (rst.code(k), default_text(getattr(block, k)), own_unit(f.unit), bounds(f), rst.words(f.about))
             for k, f in block.fields().items()
             if f.kind == kind
         ]
@@ -145,7 +143,7 @@ def _numbers(block: Block, label: str) -> str:
     return rst.page(*parts)
 
 
-def _own_unit(label: str) -> str:
+def own_unit(label: str) -> str:
     """The unit of a number; nothing for one without."""
     return unit(label) if label else ""
 
@@ -176,9 +174,8 @@ def _states(block: Block) -> str:
             kind = f"memory, set at each {'sample' if block.sampled else 'step'}"
         long_before = isinstance(state.start, float) and state.start < -1e8
         start = "before the run" if long_before else default_text(state.start)
-        rows.append((rst.code(k), kind, start, _own_unit(state.unit), rst.words(state.about)))
-    head = ("State", "Kind", "Initial value", "Unit", "Meaning")
-    return rst.page(rst.heading("States", 1), rst.table(head, rows, (16, 20, 12, 10, 42))) if rows else ""
+        rows.append((rst.code(k), kind, start, own_unit(state.unit), rst.words(state.about)))
+    return rst.section("States", ("State", "Kind", "Initial value", "Unit", "Meaning"), rows, (16, 20, 12, 10, 42))
 
 
 # ---- behaviour -----------------------------------------------------------------------------------

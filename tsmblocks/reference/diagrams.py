@@ -89,7 +89,7 @@ def _edges(diagram: Diagram) -> str:
     ]
     rows += [(rst.code(k), "output", unit(diagram.unit(k)), "", rst.code(diagram.outputs[k])) for k in diagram.outputs]
     head = ("Name", "", "Unit", "Meaning", "Drives, or shows")
-    return rst.page(rst.heading("Inputs and outputs", 1), rst.table(head, rows, (16, 12, 10, 36, 26)))
+    return rst.section("Inputs and outputs", head, rows, (16, 12, 10, 36, 26))
 
 
 def _blocks(diagram: Diagram) -> str:
@@ -107,8 +107,7 @@ def _blocks(diagram: Diagram) -> str:
         rows.append((rst.code(name), rst.link(f"/blocks/{kind}", kind), ", ".join(values)))
     shared = ", ".join(f"``${k}`` = {v:.6g}" for k, v in diagram.values.items())
     return rst.page(
-        rst.heading("Blocks and parameters", 1),
-        rst.table(("Name", "Block", "Parameters"), rows, (18, 26, 56)),
+        rst.section("Blocks and parameters", ("Name", "Block", "Parameters"), rows, (18, 26, 56)),
         f"Values that several blocks share: {shared}." if shared else "",
     )
 

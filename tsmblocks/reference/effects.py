@@ -18,7 +18,7 @@ from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.plots.panels import shown
 from tsmblocks.reference import figures, rst, uses
-from tsmblocks.reference.blocks import bounds, default_text, unit
+from tsmblocks.reference.blocks import bounds, default_text, own_unit
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.simulate import simulate
 
@@ -80,8 +80,7 @@ def pages() -> dict[str, str]:
             plants.append((rst.link(f"/diagrams/{name}", name), wires))
     index = rst.page(
         *parts,
-        rst.heading("Places", 1),
-        rst.table(("Place", "Where that is"), PLACES.items(), (18, 82)),
+        rst.section("Places", ("Place", "Where that is"), PLACES.items(), (18, 82)),
         "In the shipped diagrams that recordings can drive:",
         rst.table(("Diagram", "Places and their wires"), plants, (34, 66)),
         rst.contents(found),
@@ -135,9 +134,8 @@ def _numbers(effect: Effect, trials: Trials) -> str:
         field, null = fields[name], effect.null.get(name)
         ends = zip(("from", "to"), trials.bounds.get(name, (None, None)), strict=True)
         searched = " ".join(f"{words} {v:.3g}" for words, v in ends if v is not None)
-        own_unit = unit(field.unit) if field.unit else ""
         none = "" if null is None else default_text(null)
-        rows.append((rst.code(name), own_unit, none, bounds(field), searched, rst.words(field.about)))
+        rows.append((rst.code(name), own_unit(field.unit), none, bounds(field), searched, rst.words(field.about)))
     within = ""
     if effect.within:
         names = " or ".join(map(rst.code, effect.within))

@@ -47,6 +47,12 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[i
     return "\n".join(lines) + "\n"
 
 
+def section(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[int]) -> str:
+    """A table below a heading; nothing where there are no rows."""
+    made = table(head, rows, widths)
+    return f"{heading(title, 1)}\n{made}" if made else ""
+
+
 def listed(items: Iterable[str]) -> str:
     """A list of markup."""
     return "\n".join(f"- {item}" for item in items) + "\n"
