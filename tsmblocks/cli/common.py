@@ -250,8 +250,13 @@ def exit_status(interrupted: bool, written: Sequence[str], missing: Sequence[str
     return INTERRUPTED if interrupted else 0
 
 
-def finish(result: Any, facts: dict[str, Any], written: list[str], plot: Path | None, args: argparse.Namespace) -> int:
-    """Plot and print the result of a search; its exit status. ``facts`` are added in JSON."""
+def finish(
+    result: Any, facts: dict[str, Any], save: Callable[[], list[str]], plot: Path | None, args: argparse.Namespace
+) -> int:
+    """Print, save and plot the result of a search; its exit status. JSON has the ``facts`` too."""
+    if not args.json:
+        print(result)
+    written = save()
     if plot:
         result.plot().savefig(plot, dpi=150)
         written.append(str(plot))

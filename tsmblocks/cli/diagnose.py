@@ -83,10 +83,8 @@ def execute(args: argparse.Namespace) -> int:
     except TsmError:
         recordings.print_repairs(args, *records.values())
         raise
-    if not args.json:
-        print(result)
-    written = _save(result, folder)
-    return common.finish(result, {"data": recordings.as_json(records)}, written, plot, args)
+    facts = {"data": recordings.as_json(records)}
+    return common.finish(result, facts, partial(_save, result, folder), plot, args)
 
 
 def _folder(text: str | None) -> Path | None:

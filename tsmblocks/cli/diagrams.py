@@ -21,12 +21,7 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.files.shipped import shipped_names
 
     listed = {name: load(name).title for name in shipped_names()}
-    common.print_result(args, listed, list_text(listed))
-    return 0
-
-
-def list_text(listed: dict[str, str]) -> str:
-    """The list as text."""
     table = columns([*listed.items()], "", frozenset({0, 1}), console.width())
     more = "'tsmblocks check NAME' lists inputs and outputs, 'tsmblocks draw NAME' draws it."
-    return f"{table}\n\n{console.wrap(more, console.width())}"
+    common.print_result(args, listed, f"{table}\n\n{console.wrap(more, console.width())}")
+    return 0

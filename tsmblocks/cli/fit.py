@@ -112,10 +112,8 @@ def execute(args: argparse.Namespace) -> int:
             **common.passed(args, "starts", "seed", "step", "hold"),
         )
     result = recordings.with_option_notes(result, args)
-    if not args.json:
-        print(result)
-    written = _save(result, out, each=bool(args.local))
-    return common.finish(result, {"data": recordings.as_json(records)}, written, plot, args)
+    save = partial(_save, result, out, each=bool(args.local))
+    return common.finish(result, {"data": recordings.as_json(records)}, save, plot, args)
 
 
 def _save(result: Fit, out: Path | None, *, each: bool) -> list[str]:

@@ -48,9 +48,7 @@ def execute(args: argparse.Namespace) -> int:
         result = read_study(args.study)
     else:
         result = _run(args, out)
-    if not args.json:
-        print(result)
-    return common.finish(result, {}, [str(out)] if out else [], plot, args)
+    return common.finish(result, {}, lambda: [str(out)] if out else [], plot, args)
 
 
 def _run(args: argparse.Namespace, out: Path | None) -> Any:
