@@ -42,18 +42,17 @@ CLOSED = {"diagrams", "reference", "demo", "completion"}
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the exit status. Nothing is raised; messages are printed on standard error."""
-    with readable_streams():
+    with readable_streams(), warnings.catch_warnings():
+        _simplify_warnings()
         return _guarded(list(sys.argv[1:] if argv is None else argv))
 
 
 def _guarded(argv: list[str]) -> int:
     """Run one command and turn every exception into a message; the exit status."""
     try:
-        with warnings.catch_warnings():
-            _simplify_warnings()
-            status = _dispatch(argv)
-            sys.stdout.flush()
-            return status
+        status = _dispatch(argv)
+        sys.stdout.flush()
+        return status
     except SystemExit as stop:  # --help and --version
         return int(stop.code or 0)
     except KeyboardInterrupt:

@@ -35,7 +35,7 @@ def load_study(path: str | Path) -> dict[str, Any]:
     """The arguments of ``study`` that a file has. Raises FileError with every fault and its line."""
     page = _StudyPage(path, "study", KEYS)
     diagram, arguments = page.named_diagram(), page.run_arguments(("stop", "step"), ("method", "hold"))
-    arguments |= {"diagram": diagram, "title": page.title}
+    arguments |= {"diagram": diagram, "title": page.text(page.content, "title", ())}
     arguments["metrics"] = page.section("metrics") if "metrics" in page.content else None
     if diagram is not None:
         arguments["plan"] = page.plan(diagram)

@@ -83,11 +83,6 @@ class RunPage(Page):
             k: self.text(self.content, k, ()) for k in texts if k in self.content
         }
 
-    @property
-    def title(self) -> str:
-        """The title, empty where there is none."""
-        return self.text(self.content, "title", ())
-
     def named_diagram(self) -> Diagram | None:
         """Return the diagram with the parameters of ``[set]``; None where it cannot be loaded."""
         if "diagram" not in self.content:

@@ -76,14 +76,13 @@ def _text_of(path: Path) -> str:
 class Store:
     """Files that are being written; ``done`` has the rows of the runs in them. Without ``path`` nothing is written.
 
-    ``parameters`` are the columns of the plan, of ``runs`` values each.
+    ``parameters`` are the columns of the plan.
     """
 
     path: Path | None
     facts: Mapping[str, Any]
     heading: tuple[str, ...]
     parameters: tuple[np.ndarray, ...]
-    runs: int
     done: dict[int, tuple[str, ...]] = attrs.field(factory=dict)
 
     def begin(self) -> None:
@@ -110,7 +109,7 @@ class Store:
     def _check(self, run: int, row: Sequence[str]) -> None:
         """Raise DataError for a row that no run of this study can have."""
         count = len(self.parameters)
-        wanted = tuple(cell_text(column[run]) for column in self.parameters) if run < self.runs else None
+        wanted = tuple(cell_text(column[run]) for column in self.parameters) if run < self.facts["runs"] else None
         metrics = [parsed_cell(text) for text in row[count:]]
         if tuple(row[:count]) != wanted or not all(isinstance(value, float) for value in metrics):
             raise DataError(

@@ -119,14 +119,13 @@ def study(
     warn_of_fast_poles(run_starts(groups, checked_batches(groups, wanted), plan.columns), options.rule, step)
     facts = _facts(title or diagram.title, diagram, plan, wanted, options)
     titles = ("run", *plan.columns, *(heading(one.name, one.unit) for one in wanted))
-    store = Store(_path(out), facts, titles, tuple(plan.columns.values()), len(plan))
+    store = Store(_path(out), facts, titles, tuple(plan.columns.values()))
     store.begin()
     missing = np.array([k not in store.done for k in range(len(plan))])
-    parts = (
-        run_in_process(groups, wanted, missing, threads)
-        if executor is None
-        else run_on_executor(groups, wanted, missing, executor)
-    )
+    if executor is None:
+        parts = run_in_process(groups, wanted, missing, threads)
+    else:
+        parts = run_on_executor(groups, wanted, missing, executor)
     _run(parts, plan, wanted, store, progress)
     runs = np.array(sorted(store.done), dtype=int)
     columns = {name: values[runs] for name, values in plan.columns.items()}
