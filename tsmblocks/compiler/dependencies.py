@@ -46,15 +46,15 @@ _CACHE: dict[Any, Structure] = {}
 
 def structure_of(block: Block) -> Structure:
     """The structure of a block, cached. Raises EquationError when its equations and its declarations disagree."""
-    key = (type(block), tuple((k, _shape(v)) for k, v in block.parameters.items()), tuple(block.options.items()))
+    key = (type(block), tuple((k, nesting(v)) for k, v in block.parameters.items()), tuple(block.options.items()))
     if key not in _CACHE:
         _CACHE[key] = _analysed(block)
     return _CACHE[key]
 
 
-def _shape(value: Any) -> Any:
-    """Nesting of a parameter, without its numbers."""
-    return tuple(_shape(v) for v in value) if isinstance(value, tuple) else is_reference(value)
+def nesting(value: Any) -> Any:
+    """Nesting of a parameter with its references, without its numbers."""
+    return tuple(map(nesting, value)) if isinstance(value, tuple) else value if is_reference(value) else None
 
 
 @attrs.frozen
@@ -164,14 +164,15 @@ def _analysed(block: Block) -> Structure:
         raise EquationError(f"{owner} is sampled and needs an option 'period' in s.")
     for (kind, name), expression in made.results.items():
         _no_nan(owner, EQUATIONS[kind], name, expression)
-    moving = [getattr(made.x, name) for name in dx]
+    x = ca.vertcat(*(getattr(made.x, name) for name in dx))
     return Structure(
         outputs={k: _inputs_in(v, made.u) for k, v in y.items()},
         rates={k: _inputs_in(v, made.u) for k, v in dx.items()},
         continuous=tuple(k for k in states if k in dx),
         memory=tuple(k for k in states if k not in dx),
         resets=tuple(k for k in states if k in dx and k in fresh),
-        moving=frozenset(k for k, v in y.items() if _moves(v, made.t, moving)),
+        # A jump at an instant does not count.
+        moving=frozenset(k for k, v in y.items() if not ca.jtimes(v, made.t, 1).is_zero() or ca.depends_on(v, x)),
     )
 
 
@@ -215,11 +216,6 @@ def _check_names(block: Block) -> None:
 def _inputs_in(expression: Any, u: Any) -> frozenset[str]:
     """The inputs that an expression depends on."""
     return frozenset(k for k, s in zip(u._fields, u, strict=True) if ca.depends_on(expression, s))
-
-
-def _moves(expression: Any, t: Any, x: list[Any]) -> bool:
-    """Whether an output changes with time or continuous states; a jump at an instant does not count."""
-    return not ca.jtimes(expression, t, 1).is_zero() or ca.depends_on(expression, ca.vertcat(*x))
 
 
 def _same_names(owner: str, equation: str, given: Iterable[str], wanted: list[str], *, all_of: bool) -> None:

@@ -206,10 +206,11 @@ class Evaluator:
             *name, order = owner[1]
             return self._input_symbol((*name, order + 1))
         if kind == "d" and is_held_output(owner[1]):
-            raise self._fault(
+            fault = (
                 f"{self._ports_with_rate(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
                 "constant between samples. Use a FilteredDerivative, or differentiate before sampling."
             )
+            raise DiagramError(self.flat.title, [fault], self.flat.where)
         return ca.SX(0)
 
     def _ports_with_rate(self, source: Node) -> str:
@@ -221,19 +222,14 @@ class Evaluator:
             for name in block.inports
             if self._source(path, name, strict=False) == ("rate", *source)
         ]
-        name = self._named(source)
-        if not ports:  # the derivative of a derivative
-            return f"the derivative is needed of {name}"
-        return f"{', '.join(ports)} {'is' if len(ports) == 1 else 'are'} the derivative of {name}"
+        ports_are = f"{', '.join(ports)} {'is' if len(ports) == 1 else 'are'} the derivative"
+        return f"{ports_are if ports else 'the derivative is needed'} of {self._named(source)}"
 
     # ---- names, sources and calls
 
     def _named(self, node: Node) -> str:
         """The log name of a signal, or of its rate."""
         return f"d/dt {self._named(node[1:])}" if node[0] == "rate" else self.flat.signal_name(node)
-
-    def _fault(self, text: str) -> DiagramError:
-        return DiagramError(self.flat.title, [text], self.flat.where)
 
     def _input_symbol(self, key: tuple[Any, ...]) -> Any:
         """The symbol of a sampled input, or of its derivative of some order; made on first use."""
@@ -253,7 +249,8 @@ class Evaluator:
             return flat.driver[path, name]
         driver = self._source(path, port.rate_of, strict=False) if port.rate_of else None
         if driver is None and strict:
-            raise self._fault(f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing.")
+            fault = f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing."
+            raise DiagramError(flat.title, [fault], flat.where)
         return None if driver is None else ("rate", *driver)
 
     def _states(self, path: str) -> Any:
@@ -305,12 +302,8 @@ class Evaluator:
                 made = self._call(path, "outputs", list(symbols.values()))[port]
                 if not ca.depends_on(ca.substitute(made, *numbers), ca.vertcat(*around)):
                     idle.append(path)
-        if not idle:
-            return ""
-        return (
-            f" Now {' and '.join(idle)} would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, "
-            "counts as a path until it is left out."
-        )
+        what = "would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, counts as a path"
+        return f" Now {' and '.join(idle)} {what} until it is left out." if idle else ""
 
 
 def interpolated_past(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:

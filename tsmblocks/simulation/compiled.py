@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.compiler.dependencies import nesting
 from tsmblocks.engine.equations import Equations
-from tsmblocks.model.block import is_reference
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 
@@ -23,16 +23,10 @@ def signature(diagram: Diagram) -> Any:
         if isinstance(block, Diagram):
             parts.append((name, signature(block)))
         else:
-            shape = tuple((k, _shape(v)) for k, v in block.parameters.items())
+            shape = tuple((k, nesting(v)) for k, v in block.parameters.items())
             parts.append((name, type(block), shape, tuple(block.options.items())))
     inlets = tuple((k, v.unit, diagram.inlets[k]) for k, v in diagram.inputs.items())
     return (tuple(parts), frozenset(diagram.links), inlets, tuple(diagram.outputs.items()), tuple(diagram.values))
-
-
-def _shape(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return tuple(_shape(v) for v in value)
-    return value if is_reference(value) else None
 
 
 def equations(diagram: Diagram) -> Equations:
