@@ -62,7 +62,7 @@ def _whole_diagram(diagram: Diagram, parts: Sequence[DiagnosedPart], *, with_eff
         last = diagnosed.models[-1 if with_effects else 0]
         for one in diagnosed.named if with_effects else ():
             c = one.candidate
-            result = in_whole_diagram(c.site, diagnosed.part).put(result, c.block, last.fitted_diagram.blocks[c.block])
+            result = in_whole_diagram(c.point, diagnosed.part).put(result, c.block, last.fitted_diagram.blocks[c.block])
         own = last.parameters()
         result = result.untied(own).with_parameters(own)
     named = [one.candidate.block for diagnosed in parts for one in diagnosed.named] if with_effects else []

@@ -31,7 +31,7 @@ class Candidate:
     """An effect at an insertion point: ``diagram`` is the model's with ``block`` added, at the null of the effect."""
 
     effect: Effect
-    site: InsertionPoint
+    point: InsertionPoint
     block: str
     diagram: Diagram
     trials: Trials
@@ -55,7 +55,7 @@ class Candidate:
     @property
     def key(self) -> tuple[str, str, str]:
         """What identifies a candidate within a round."""
-        return self.effect.name, self.effect.variant, f"{self.site.after}>{self.site.before}"
+        return self.effect.name, self.effect.variant, f"{self.point.after}>{self.point.before}"
 
 
 @attrs.frozen(eq=False)
@@ -69,9 +69,9 @@ class WireSignals:
     steps: list[float]
     scales_of: Callable[[Span, Span], Scales]
 
-    def scales(self, site: InsertionPoint) -> Scales:
+    def scales(self, point: InsertionPoint) -> Scales:
         """The scales that an effect at an insertion point has to do with."""
-        return self.scales_of(self.span(site.signal), self.span(site.other or site.signal))
+        return self.scales_of(self.span(point.signal), self.span(point.other or point.signal))
 
     def span(self, signal: str) -> Span:
         """Range and rate of a signal."""
@@ -84,7 +84,7 @@ class WireSignals:
 
 def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
     """The signals at the insertion points of a model, simulated once more."""
-    names = dict.fromkeys(k for site in points for k in (site.signal, site.other) if k)
+    names = dict.fromkeys(k for point in points for k in (point.signal, point.other) if k)
     columns = tuple(model.setup.eq.y.index(_inner_signal(model.diagram, k)) for k in names)
     signals: dict[str, list[np.ndarray]] = {k: [] for k in names}
     for e, experiment in enumerate(model.setup.experiments):
@@ -150,17 +150,17 @@ def candidates(
     found: list[Candidate] = []
     base, order = model.fitted_diagram, ORDERS.get(model.setup.experiments[0].hold, math.inf)
     for effect in effects:
-        for site in points:
-            if (site.place, site.adds) != (effect.place, effect.adds):
+        for point in points:
+            if (point.place, point.adds) != (effect.place, effect.adds):
                 continue
-            trials = _trials(effect, wires.scales(site))
+            trials = _trials(effect, wires.scales(point))
             if trials is None:
                 continue
             effect.accepts(trials)
             name = unique_names([*base.blocks, effect.name])[-1]
-            edited = _with_effect(base, name, effect, site, trials, order)
+            edited = _with_effect(base, name, effect, point, trials, order)
             if edited is not None:
-                found.append(Candidate(effect, site, name, edited, trials))
+                found.append(Candidate(effect, point, name, edited, trials))
     return found
 
 
@@ -187,11 +187,11 @@ def _clipped_to_bounds(edited: Diagram, name: str, effect: Effect, trials: Trial
 
 
 def _with_effect(
-    base: Diagram, name: str, effect: Effect, site: InsertionPoint, trials: Trials, order: float
+    base: Diagram, name: str, effect: Effect, point: InsertionPoint, trials: Trials, order: float
 ) -> Diagram | None:
     """The base with an effect; None where it is not admissible, or takes derivatives of inputs above ``order``."""
     try:
-        edited = site.put(base, name, effect.block)
+        edited = point.put(base, name, effect.block)
         numbers = {**trials.fixed, **trials.shapes[0]}  # shapes that have no strength are fitted from here
         edited = edited.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
         edited = edited.with_parameters(_clipped_to_bounds(edited, name, effect, trials))

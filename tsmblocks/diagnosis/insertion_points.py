@@ -122,16 +122,16 @@ def insertion_points(
         if signal != source:  # an output that is its own drive has no drive in front of it
             found.append(InsertionPoint("drive", name, signal, before=drive))
             found.append(InsertionPoint("brake" if speed else "load", name, signal, other=source, before=drive))
-    loads = {site.before for site in found if site.place == "load"}
-    found = [site for site in found if site.place != "brake" or site.before not in loads]
-    drives = {site.signal for site in found if site.place == "drive"}
-    found = [site for site in found if site.place not in ("output", "across") or site.signal not in drives]
+    loads = {point.before for point in found if point.place == "load"}
+    found = [point for point in found if point.place != "brake" or point.before not in loads]
+    drives = {point.signal for point in found if point.place == "drive"}
+    found = [point for point in found if point.place not in ("output", "across") or point.signal not in drives]
     found += [InsertionPoint("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
     own = (own_insertion_point(diagram, outputs[0], effect) for effect in effects if effect.receiver)
-    found += [site for site in own if site is not None]
+    found += [point for point in own if point is not None]
     unique: dict[object, InsertionPoint] = {}
-    for site in found:
-        unique.setdefault(site.edit, site)
+    for point in found:
+        unique.setdefault(point.edit, point)
     return list(unique.values())
 
 

@@ -116,12 +116,14 @@ def _part(
     return Part(f"{', '.join(inputs) or 'start'} -> {', '.join(own)}", sub, own, replaced)
 
 
-def in_whole_diagram(site: InsertionPoint, part: Part) -> InsertionPoint:
+def in_whole_diagram(point: InsertionPoint, part: Part) -> InsertionPoint:
     """An insertion point of a part as one of the whole diagram, where the cut input is a signal again."""
-    site = attrs.evolve(site, other=part.cut.get(site.other, site.other), signal=part.cut.get(site.signal, site.signal))
-    if site.after not in part.cut:
-        return site
-    return attrs.evolve(site, after="", before=".".join(part.diagram.inlets[site.after][0]))
+    point = attrs.evolve(
+        point, other=part.cut.get(point.other, point.other), signal=part.cut.get(point.signal, point.signal)
+    )
+    if point.after not in part.cut:
+        return point
+    return attrs.evolve(point, after="", before=".".join(part.diagram.inlets[point.after][0]))
 
 
 def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings) -> bool:

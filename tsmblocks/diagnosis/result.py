@@ -281,7 +281,6 @@ class Diagnosis:
         dict
             Numbers, texts, lists and mappings only; numbers with six digits.
         """
-        worst = self.worst
         return {
             "format": 1,
             "diagram": self.diagram,
@@ -292,8 +291,8 @@ class Diagnosis:
             "sentence": self.sentence,
             "status": self.status,
             "effects": [_named_values(e, EFFECT_KEYS) for e in self.effects],
-            "gap": _json_value(_gap(worst.gaps[0])),
-            "where": _json_value(worst.where),
+            "gap": _json_value(_gap(self.worst.gaps[0])),
+            "where": _json_value(self.worst.where),
             "ranking": self._ranking,
             "detection_limits": {m.name: _json_value(m.value) for s in reversed(self.segments) for m in s.limits},
             "segments": _json_value([_segment(s) for s in self.segments]),

@@ -145,7 +145,7 @@ def _detection_limit(candidate: Candidate, shape_trials: Sequence[_ShapeTrial], 
 
 def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
     """The unknowns with the base parameters, the effect at its null, its states at the initial values of the wire."""
-    known, first, settled = model.values, wires.initial_values(candidate.site.signal), candidate.initialised_states
+    known, first, settled = model.values, wires.initial_values(candidate.point.signal), candidate.initialised_states
     theta = problem.unknowns.start.copy()
     for k, item in enumerate(problem.unknowns.items):
         if item.name in known:

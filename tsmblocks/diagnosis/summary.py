@@ -112,7 +112,7 @@ def _held_out(diagnosed: DiagnosedPart) -> list[np.ndarray]:
 def _named(diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diagram: Diagram) -> NamedEffect:
     """One effect, with its parameters in the final model."""
     indistinguishable, candidate = diagnosed.rounds[k].indistinguishable, diagnosed.named[k].candidate
-    effect, site = candidate.effect, in_whole_diagram(candidate.site, diagnosed.part)
+    effect, point = candidate.effect, in_whole_diagram(candidate.point, diagnosed.part)
     across = None
     if _has_several_experiments(diagnosed):
         whole_losses = [mean_loss(one.experiment_losses, diagnosed.blocks) for one in diagnosed.rounds]
@@ -125,14 +125,14 @@ def _named(diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diag
         effect.family,
         effect.words,
         diagnosed.part.name,
-        site.words(_with_effects(diagnosed, k, whole_diagram)),
+        point.words(_with_effects(diagnosed, k, whole_diagram)),
         candidate.block,
         _quantities(diagnosed.models[-1], candidate.block, candidate.free),
         float(np.clip(_share_removed(losses, k, diagnosed.noise_variance), 0.0, 1.0)),
         across,
         tuple(name for name in also if name != effect.name),
         separating_experiment(same, indistinguishable, diagnosed.search.records, diagnosed.search.settings),
-        site.code(candidate.block, effect.block),
+        point.code(candidate.block, effect.block),
     )
 
 
@@ -146,7 +146,7 @@ def _with_effects(diagnosed: DiagnosedPart, k: int, whole_diagram: Diagram) -> D
     result = whole_diagram
     for one in diagnosed.named[:k]:
         c = one.candidate
-        result = in_whole_diagram(c.site, diagnosed.part).put(result, c.block, c.effect.block)
+        result = in_whole_diagram(c.point, diagnosed.part).put(result, c.block, c.effect.block)
     return result
 
 
@@ -249,7 +249,7 @@ def _row(
         candidate.effect.name,
         candidate.effect.variant,
         candidate.effect.family,
-        candidate.site.words(searched.base.diagram),
+        candidate.point.words(searched.base.diagram),
         gain,
         gain / _excess(mean_loss(searched.losses, diagnosed.blocks), diagnosed.noise_variance),
         line=searched.verdict.critical_value,

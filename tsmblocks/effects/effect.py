@@ -148,13 +148,8 @@ class Trials:
         def named(given: Mapping[str, Any]) -> dict[str, Any]:
             return {f"{block}.{k}": v for k, v in given.items()}
 
-        return Trials(
-            named(self.strengths),
-            tuple(map(named, self.shapes)),
-            named(self.fixed),
-            named(self.bounds),
-            f"{block}.{self.refine}" if self.refine else "",
-        )
+        shapes, refine = tuple(map(named, self.shapes)), f"{block}.{self.refine}" if self.refine else ""
+        return Trials(named(self.strengths), shapes, named(self.fixed), named(self.bounds), refine)
 
 
 @attrs.frozen(eq=False)
