@@ -60,10 +60,8 @@ class RecedingHorizon:
     ----------
     diagram : Diagram
         The model, as for ``optimal_control``.
-    commands : dict of str to (float, float)
-        Inputs of the diagram that are commands, and their limits, as for ``optimal_control``.
-    error : str
-        An expression of signals, such as ``"x_ref - x_out"``.
+    commands, error : dict of str to (float, float), str
+        As for ``optimal_control``.
     references : list of str
         Names in ``error`` and ``limits`` that are given at each sample.
     preview : int, default 25
@@ -318,10 +316,8 @@ def receding_horizon(
         As for ``RecedingHorizon``; ``step`` is 0.02 s by default.
     inputs, hold, parameters : optional
         As for ``optimal_control``.
-    iterations : int, default 60
-        Iterations of the solver for each plan, at most.
-    progress : callable, optional
-        Called with a stage, how much of it is done, and of how much.
+    iterations, progress : optional
+        As for ``RecedingHorizon`` and ``optimal_control``.
 
     Returns
     -------
@@ -374,9 +370,8 @@ def receding_horizon(
             states.append(control.state)
             if stopped.stop:
                 break
-    done = len(made) - 1
-    progress("planned", done, count)
-    word = _word(control, done, stopped.stop) or "Solve_Succeeded"
+    progress("planned", len(control.seconds), count)
+    word = _word(control, len(control.seconds), stopped.stop) or "Solve_Succeeded"
     ended = Solution(np.column_stack(made), np.column_stack(states), 0.0, word)
     found = simulated_result(control.diagram, interval, smallest, False, ended, x, begin, given)
     return attrs.evolve(found, seconds=np.array(control.seconds))
