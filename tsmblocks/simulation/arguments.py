@@ -174,19 +174,17 @@ def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
     return tuple(chosen)
 
 
-def signal_positions(eq: Equations, names: Sequence[str]) -> list[int]:
-    """Positions of signals or outputs in ``eq.y``. Raises RunError for an unknown name."""
-    made = []
-    for name in names:
-        signal = eq.aliases.get(name, name)
-        if signal not in eq.y:
-            raise RunError(f"diagram '{eq.title}' has no signal '{name}'.{near(name, [*eq.aliases, *eq.y])}")
-        made.append(eq.y.index(signal))
-    return made
+def kept_columns(eq: Equations, outputs: Sequence[str] | None) -> tuple[list[str], tuple[int, ...], list[int]]:
+    """Names of the signals to keep, their positions in ``eq.y``, each once, as a kernel logs them, and columns by name.
 
-
-def kept_columns(eq: Equations, names: Sequence[str]) -> tuple[int, ...]:
-    """The same positions, each once, as a kernel logs them. Raises RunError where no signal is named."""
+    Without ``outputs`` those of the diagram. Raises RunError for an unknown name, and where there is none.
+    """
+    names = as_list(outputs) if outputs is not None else list(eq.aliases)
     if not names:
         raise RunError(f"diagram '{eq.title}' has no outputs, so name the signals to keep: outputs=['block.port'].")
-    return tuple(dict.fromkeys(signal_positions(eq, names)))
+    signals = [eq.aliases.get(name, name) for name in names]
+    for name, signal in zip(names, signals, strict=True):
+        if signal not in eq.y:
+            raise RunError(f"diagram '{eq.title}' has no signal '{name}'.{near(name, [*eq.aliases, *eq.y])}")
+    chosen = list(dict.fromkeys(signals))
+    return names, tuple(map(eq.y.index, chosen)), [chosen.index(signal) for signal in signals]

@@ -10,13 +10,13 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.arguments import as_integer, as_list
+from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import RunOptions, TimeGrid, as_diagram, kept_columns, signal_positions
+from tsmblocks.simulation.arguments import RunOptions, TimeGrid, as_diagram, kept_columns
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
 from tsmblocks.simulation.compiled import equations, parameter_vector
@@ -183,11 +183,10 @@ def batch_of(
     times = options.times
     eq = equations(diagram)
     sets, count = parameter_sets(eq, diagram, parameters)
-    names = as_list(outputs) if outputs is not None else list(eq.aliases)
-    chosen, lanes = kept_columns(eq, names), lanes or lanes_for(count, len(eq.x))
+    names, chosen, columns = kept_columns(eq, outputs)
     vary = frozenset(eq.p.index(k) for k in sets)
-    kernel = batch_kernel(eq, options.rule, chosen, lanes, vary, options.backend)
+    kernel = batch_kernel(eq, options.rule, chosen, lanes or lanes_for(count, len(eq.x)), vary, options.backend)
     signals = options.signals(eq)
     whole = whole_run(eq, kernel, signals, times)
-    columns = {name: chosen.index(k) for name, k in zip(names, signal_positions(eq, names), strict=True)}
-    return PreparedBatch(sets, eq, kernel, whole, parameter_vector(eq, diagram), columns, times, signals)
+    placed = dict(zip(names, columns, strict=True))
+    return PreparedBatch(sets, eq, kernel, whole, parameter_vector(eq, diagram), placed, times, signals)

@@ -54,39 +54,42 @@ def _check_sets(diagram: Diagram, sets: Mapping[str, np.ndarray]) -> None:
             diagram.with_parameters({name: float(v[k]) for name, v in sets.items()})
         except ParameterError as error:
             raise ParameterError(f"set {k} of the batch: {error}") from None
-    for path, block, varied in _checked_together(diagram, sets):
+    for path, block_in in _checked_together(diagram, sets):
         for k in range(len(next(iter(sets.values())))):
             try:
-                block.replace(**varied(k))
+                block_in(k)
             except ParameterError as error:
                 raise ParameterError(f"set {k} of the batch: {path}: {error}") from None
 
 
 def _checked_together(
     diagram: Diagram, sets: Mapping[str, np.ndarray], prefix: str = ""
-) -> Iterator[tuple[str, Block, Callable[[int], dict[str, Any]]]]:
-    """Blocks that check several varied parameters together, with their parameters in set k."""
+) -> Iterator[tuple[str, Callable[[int], Block]]]:
+    """Paths of the blocks that check several varied parameters together, and each block in set k."""
     for name, block in diagram.blocks.items():
         if isinstance(block, Diagram):
             yield from _checked_together(block, sets, f"{prefix}{name}.")
             continue
-        full = {
+        names = {
             leaf: prefix + v[1:] if is_reference(v) else f"{prefix}{name}.{leaf}"
             for key, value in block.parameters.items()
             for leaf, v in leaves(value, key)
         }
-        if type(block).check is Block.check or sum(v in sets for v in full.values()) < 2:
-            continue
+        if type(block).check is not Block.check and sum(v in sets for v in names.values()) > 1:
+            yield prefix + name, functools.partial(_in_set, block, diagram.values, names, sets)
 
-        def value_of(k: int, leaf: str, value: Any, full: dict[str, str] = full) -> float:
-            if full[leaf] in sets:
-                return float(sets[full[leaf]][k])
-            return diagram.values[value[1:]] if is_reference(value) else value
 
-        def varied(k: int, block: Block = block, value_of: Callable[..., float] = value_of) -> dict[str, Any]:
-            return {key: map_leaves(functools.partial(value_of, k), v, key) for key, v in block.parameters.items()}
+def _in_set(
+    block: Block, values: Mapping[str, float], names: Mapping[str, str], sets: Mapping[str, np.ndarray], k: int
+) -> Block:
+    """A block in set k; ``values`` are those of its diagram, ``names`` the full names of its own parameters."""
 
-        yield prefix + name, block, varied
+    def number(leaf: str, value: Any) -> float:
+        if names[leaf] in sets:
+            return float(sets[names[leaf]][k])
+        return values[value[1:]] if is_reference(value) else value
+
+    return block.replace(**{key: map_leaves(number, v, key) for key, v in block.parameters.items()})
 
 
 def parameter_index(eq: Equations, name: str, diagram: Diagram) -> int:

@@ -11,7 +11,7 @@ from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns, signal_positions
+from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns
 from tsmblocks.simulation.batch_parameters import parameter_index
 from tsmblocks.simulation.compiled import equations, parameter_vector
 from tsmblocks.simulation.lanes import directions, lane_columns, tangent_kernel, whole_run
@@ -82,11 +82,9 @@ def sensitivities_of(
     diagram = as_diagram(diagram).untied(names)
     times, eq = options.times, equations(diagram)
     base, known = parameter_vector(eq, diagram), [parameter_index(eq, name, diagram) for name in names]
-    shown = as_list(outputs) if outputs is not None else list(eq.aliases)
-    chosen, lanes = kept_columns(eq, shown), directions(len(known))
+    (shown, chosen, columns), lanes = kept_columns(eq, outputs), directions(len(known))
     kernel = tangent_kernel(eq, options.rule, chosen, lanes, options.backend)
     whole = whole_run(eq, kernel, options.signals(eq), times)
-    columns = [chosen.index(k) for k in signal_positions(eq, shown)]
     jacobian = np.empty((times.kept, len(shown), len(known)))
     for first in range(0, len(known), lanes):
         part = known[first : first + lanes]
