@@ -100,19 +100,18 @@ def graph(diagram: Diagram, notes: Mapping[End, str]) -> Graph:
 def _read(diagram: Diagram, notes: Mapping[End, str]) -> tuple[dict[str, Node], list[Net]]:
     """Nodes and signals in the order of the diagram's blocks and ports, whatever the order of the wires."""
     nodes = {">" + name: Node(">" + name, name, "terminal") for name in diagram.inputs}
-    place = {
-        end: k for k, end in enumerate((name, port) for name, block in diagram.blocks.items() for port in block.inports)
-    }
+    inports = [(name, port) for name, block in diagram.blocks.items() for port in block.inports]
+    place = {end: k for k, end in enumerate(inports)}
     targets: dict[End, list[End]] = {(">" + name, ""): list(ends) for name, ends in diagram.inlets.items()}
     for link in diagram.links:
         targets.setdefault(link.source, []).append(link.target)
     shown: dict[End, list[str]] = {}
     for output, (name, port) in diagram.shown.items():
         shown.setdefault((name, port) if name else (">" + port, ""), []).append(output)
-    wired = {end for ends in targets.values() for end in ends}
+    wired, sending = {end for ends in targets.values() for end in ends}, {*targets, *shown}
     for name, block in diagram.blocks.items():
         ins = tuple(p for p in block.inports if (name, p) in wired)
-        outs = tuple(p for p in block.outports if (name, p) in {*targets, *shown} or notes.get((name, p)))
+        outs = tuple(p for p in block.outports if (name, p) in sending or notes.get((name, p)))
         nodes[name] = Node(name, name, _shape(block, ins, outs), block, ins, outs)
     sources = [(key, "") for key in nodes if key.startswith(">")]
     sources += [(key, port) for key, node in nodes.items() for port in node.outs]
@@ -139,9 +138,7 @@ def symbol_of(block: Any) -> str:
 
 
 def sign_of(node: Node, port: str) -> str:
-    """The sign beside an input of a sum; nothing for other blocks."""
-    if node.block is None or isinstance(node.block, Diagram) or symbol_of(node.block) not in SUMS:
-        return ""
+    """The sign beside an input of a sum."""
     signs, ports = getattr(node.block, "signs", None), list(node.block.inports)
     if isinstance(signs, str) and len(signs) == len(ports):
         return signs[ports.index(port)].replace("-", "−")
