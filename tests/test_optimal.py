@@ -33,6 +33,8 @@ from tsmblocks.common.errors import DataError, ParameterError, RunError
 from tsmblocks.optimal.smoothing import smooth
 from tsmblocks.optimal.transcription import Programme
 
+SLOW_NEEDS = ["optimal", "blocks"]
+
 SET1 = dict(alpha1=0.8972, alpha2=0.9487, A=-0.8745, theta=5.034, delta=0.14522)
 HALF = np.deg2rad(55.0)
 

@@ -84,6 +84,7 @@ def fitted():
 
 def test_draws_from_a_fit_vary_together_as_it_says(fitted):
     plan = monte_carlo(fitted, RUNS, seed=1)
+    assert plan.names == tuple(plan.columns)
     drawn = np.column_stack([plan[name] for name in fitted.names])
     assert drawn.mean(axis=0) == pytest.approx(list(fitted.values.values()), abs=5e-4)
     assert np.cov(drawn.T) == pytest.approx(fitted.covariance, rel=0.1, abs=0.05 * fitted.covariance.max())

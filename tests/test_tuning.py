@@ -31,6 +31,8 @@ from tsmblocks.tuning import tune
 from tsmblocks.tuning.constraints import limit
 from tsmblocks.tuning.smooth_metrics import SMOOTH_REDUCTIONS, differentiable
 
+SLOW_NEEDS = ["tuning", "analysis", "blocks"]
+
 T = np.linspace(0.0, 10.0, 2001)
 TEXTS = [
     "rms(a - b)",

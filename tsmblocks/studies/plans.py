@@ -38,6 +38,11 @@ class Plan:
     columns: Mapping[str, np.ndarray]
     kind: str = "table"
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters that vary."""
+        return tuple(self.columns)
+
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
 
