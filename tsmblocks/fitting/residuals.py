@@ -106,17 +106,17 @@ class Problem:
             else:
                 y, derivatives = experiment.outputs(p), self._finite_differences(theta, steps, e)
             for i, weight in enumerate(self.weights):
-                r = y[:, i] - experiment.measured[:, i]
-                yield (columns, r, derivatives[i]) if weight == 1 else (columns, weight * r, weight * derivatives[i])
+                r, J = y[:, i] - experiment.measured[:, i], derivatives[i]
+                yield (columns, r, J) if weight == 1 else (columns, weight * r, J if steps is not None else weight * J)
 
     def _finite_differences(self, theta: np.ndarray, steps: np.ndarray, e: int) -> list[np.ndarray]:
-        """Central differences in bounds of each output of an experiment, side by side in lanes."""
+        """Weighted central differences in bounds of each output of an experiment, side by side in lanes."""
         low = np.maximum(theta - steps, self.unknowns.low)
         high = np.minimum(theta + steps, self.unknowns.high)
         columns, place = self.unknowns.columns(e), np.arange(len(theta))
         y = self.outputs([np.where(place == k, end, theta) for k in columns for end in (low, high)], e)
-        rise = (y[:, :, 1::2] - y[:, :, ::2]) / (high - low)[columns]
-        return [rise[:, i] for i in range(len(self.weights))]
+        rise = y[:, :, 1::2] - y[:, :, ::2]
+        return [weight * rise[:, i] / (high - low)[columns] for i, weight in enumerate(self.weights)]
 
     def outputs(self, sets: list[np.ndarray], e: int) -> np.ndarray:
         """Outputs of an experiment for several sets, shape (samples, outputs, sets)."""
