@@ -14,12 +14,16 @@ from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, KernelFrame
 from tsmblocks.engine.plan import Layout, Plan
 
+COMMON = ("t", "h", "u", "hit")
+"""Arguments that all lanes have in common."""
+
 
 class CasadiKernel(Kernel):
     """Steps through CasADi's virtual machine; lanes are columns of a mapped function.
 
-    The functions work on arrays that they share, with a row for each lane: ``signals`` forms the signals of an instant
-    and, where no signal is delayed, takes the step as well; with delays ``step`` does, once the signals are stored.
+    The functions work on arrays that they share, with a row for each lane where lanes differ: ``signals`` forms the
+    signals of an instant and, where no signal is delayed, takes the step as well; with delays ``step`` does, once the
+    signals are stored.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -27,7 +31,8 @@ class CasadiKernel(Kernel):
         super().__init__(frame)
         symbols, expressions = _expressions(plan, frame.jumps)
         self.arrays: dict[str, Any] = {
-            k: np.zeros((plan.lanes, v.shape[0])) for k, v in (symbols | expressions).items()
+            k: np.zeros(v.shape[0] if k in COMMON else (plan.lanes, v.shape[0]))
+            for k, v in (symbols | expressions).items()
         }
         self.bound: list[Any] = []  # buffers, which must be kept alive
 
@@ -36,7 +41,8 @@ class CasadiKernel(Kernel):
             made = ca.cse([ca.densify(expressions[k]) for k in results])
             f = ca.Function("f", list(symbols.values()), made)
             buffer: Any
-            buffer, call = (f if plan.lanes == 1 else f.map(plan.lanes)).buffer()
+            common = [k for k, name in enumerate(symbols) if name in COMMON]
+            buffer, call = (f if plan.lanes == 1 else f.map("lanes", "serial", plan.lanes, common, [])).buffer()
             for bind, names in ((buffer.set_arg, symbols), (buffer.set_res, results)):
                 for k, name in enumerate(names):
                     bind(k, memoryview(self.arrays[name].reshape(-1)))
@@ -57,17 +63,18 @@ class CasadiKernel(Kernel):
             self._advance(memory, u, y, steps)
 
     def _advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
-        a, first, last = self.arrays, steps.k0, steps.k0 + steps.n
+        a, first, last, t0, h = self.arrays, steps.k0, steps.k0 + steps.n, steps.t0, steps.h
         for name in "xdp":
             a[name][:] = getattr(memory, name)[self.places[name][0]]
-        a["h"].fill(steps.h)
+        a["h"].fill(h)
         past = _DelayLine(self, memory, steps) if self.step is not None else None
         x, ahead, logged = (a[name].reshape(-1) for name in ("x", "ahead", "y"))
         t, inputs, rows, order = a["t"], a["u"], u.reshape(len(u), -1), self.places["y"][1]
-        signals, update, row, left = self.signals, self.update, 0, steps.skip
+        signals, update, row, left, every = self.signals, self.update, 0, steps.skip, steps.every
+        driven, alone = rows.size > 0, self.plan.lanes == 1
         for k in range(first, last + (1 if steps.final else 0)):
-            t.fill(steps.t0 + k * steps.h)
-            if rows.size:
+            t[0] = t0 + k * h
+            if driven:
                 inputs[:] = rows[k - first]
             if past is not None:
                 past.read(k, 0.0)
@@ -75,8 +82,8 @@ class CasadiKernel(Kernel):
                 self._update(k, steps.hits)
             signals()
             if left == 0:
-                y[row] = logged[order]
-                row, left = row + 1, steps.every
+                y[row] = logged if alone else logged[order]
+                row, left = row + 1, every
             left -= 1
             if k < last:
                 if past is not None:

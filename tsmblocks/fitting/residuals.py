@@ -192,6 +192,8 @@ class Problem:
 
     def violation(self, theta: np.ndarray) -> float:
         """Sum of the violations of all constraints; infinite where one is NaN."""
+        if not self.constraints.names:
+            return 0.0
         violations = self.constraints.violations(theta)
         return float(np.where(np.isnan(violations), np.inf, violations).sum())
 
