@@ -9,7 +9,7 @@ of what the engine stores of a signal.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import casadi as ca
@@ -69,9 +69,9 @@ class Evaluator:
     def _updated(self, path: str) -> dict[tuple[str, ...], Any]:
         """New memory of one block; a sampled block keeps its own between samples."""
         flat, block = self.flat, self.flat.symbolic_blocks[path]
-        nodes = [self._source(path, name) for name in block.read_names]
-        self.form(nodes)
-        new = self._call(path, "updates", [self.value[node] for node in nodes])
+        nodes = {name: self._source(path, name) for name in block.read_names}
+        self.form(nodes.values())
+        new = self._call(path, "updates", {name: self.value[node] for name, node in nodes.items()})
         if path in flat.group:
             x, hit = self._states(path), self.hit[flat.group[path]]
             new = {k: ca.if_else(hit, v, getattr(x, k)) for k, v in new.items()}
@@ -126,7 +126,8 @@ class Evaluator:
         wanted = shape.outputs[name] if kind == "y" else shape.rates[name]
         block = flat.symbolic_blocks[path]
         # In the order of ports: that of the set ``wanted`` differs between processes.
-        missing = [n for k in block.read_names if k in wanted and (n := self._source(path, k)) not in self.value]
+        ordered = wanted if len(wanted) < 2 else [name for name in block.read_names if name in wanted]
+        missing = [n for k in ordered if (n := self._source(path, k)) not in self.value]
         if not missing:
             self._evaluate(path, kind)
         return missing
@@ -139,7 +140,7 @@ class Evaluator:
         """
         flat, block, shape = self.flat, self.flat.symbolic_blocks[path], self.flat.structures[path]
         nodes = {name: self._source(path, name, strict=False) for name in block.read_names}
-        values = [self.value.get(node, _PENDING) for node in nodes.values()]
+        values = {name: self.value.get(node, _PENDING) for name, node in nodes.items()}
         ready = {name for name, node in nodes.items() if node in self.value}
         needs = shape.outputs if kind == "y" else shape.rates
         result = self._call(path, EQUATIONS[kind], values)
@@ -242,11 +243,11 @@ class Evaluator:
     def _source(self, path: str, name: str, strict: bool = True) -> Any:
         """The node that an input reads: a signal, its derivative, a past value or a tape."""
         flat = self.flat
+        if (path, name) in flat.driver:
+            return flat.driver[path, name]
         port = flat.symbolic_blocks[path].inports.get(name)
         if port is None:
             return ("past" if (path, name) in flat.pasts else "tape", path, name)
-        if (path, name) in flat.driver:
-            return flat.driver[path, name]
         driver = self._source(path, port.rate_of, strict=False) if port.rate_of else None
         if driver is None and strict:
             fault = f"{path}.{name} is the rate of {path}.{port.rate_of}, which is driven by nothing."
@@ -259,10 +260,10 @@ class Evaluator:
         names = list(block.states)
         return signals(names, [self.x[path, k] if k in shape.rates else self.d[path, k] for k in names])
 
-    def _call(self, path: str, equation: str, values: list[Any]) -> dict[str, Any]:
-        """One equation of a block, with ``values`` as its inputs."""
-        block = self.flat.symbolic_blocks[path]
-        return call(block, equation, self.flat.t, self._states(path), signals(block.read_names, values), path)
+    def _call(self, path: str, equation: str, values: Mapping[str, Any]) -> dict[str, Any]:
+        """One equation of a block, with ``values`` as its inputs, in the order of ports."""
+        block, inputs = self.flat.symbolic_blocks[path], signals(list(values), values.values())
+        return call(block, equation, self.flat.t, self._states(path), inputs, path)
 
     def _raise_loop(self, nodes: list[Node]) -> None:
         """Raise AlgebraicLoop with the path of the loop."""
@@ -299,7 +300,7 @@ class Evaluator:
             symbols = {name: ca.SX.sym(name) for name in flat.symbolic_blocks[path].read_names}
             around = [s for k, s in symbols.items() if self._source(path, k, strict=False) == read]
             if kind == "y" and around:
-                made = self._call(path, "outputs", list(symbols.values()))[port]
+                made = self._call(path, "outputs", symbols)[port]
                 if not ca.depends_on(ca.substitute(made, *numbers), ca.vertcat(*around)):
                     idle.append(path)
         what = "would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, counts as a path"
