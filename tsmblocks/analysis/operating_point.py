@@ -12,7 +12,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.tables import columns
-from tsmblocks.engine.equations import DELAY_SAMPLES, Equations, numbers
+from tsmblocks.engine.equations import DELAY_SAMPLES, Equations, function_values
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram, as_inputs
@@ -155,7 +155,7 @@ def local_equations(
             for feed, (signal, order) in zip(eq.u, signals, strict=True)
         ]
     )
-    x, d = numbers(eq.start, p)[:2]
+    x, d = function_values(eq.start, p)[:2]
     return LocalEquations(eq, t, p, u, x, wanted, with_held_outputs(eq, t, x, d, u, p))
 
 

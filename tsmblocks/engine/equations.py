@@ -85,7 +85,7 @@ class Equations:
         return tuple(self.aliases)
 
 
-def numbers(function: Any, p: np.ndarray) -> list[np.ndarray]:
+def function_values(function: Any, p: np.ndarray) -> list[np.ndarray]:
     """Dense outputs of a CasADi function, each flat by columns; by its buffers, as a call takes five times as long."""
     p = np.ascontiguousarray(p, dtype=float)
     buffer, evaluate = function.buffer()

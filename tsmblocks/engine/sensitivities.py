@@ -16,7 +16,7 @@ import numpy as np
 
 from tsmblocks.common.frames import dataset
 from tsmblocks.common.tables import few
-from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, LAG, RHS, UPDATE, Equations, numbers
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, LAG, RHS, UPDATE, Equations, function_values
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.kernel_frame import time_jumps
 from tsmblocks.engine.methods import Method
@@ -78,7 +78,7 @@ def _start_and_derivatives(eq: Equations) -> Any:
 
 def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: float) -> Memory:
     """Memory before the first step; ``seeds`` has shape (parameters, lanes)."""
-    values, derivatives = numbers(_start_and_derivatives(eq), p)
+    values, derivatives = function_values(_start_and_derivatives(eq), p)
     ends = np.cumsum([len(eq.x), len(eq.d)])
     x, d, s = np.split(values, ends)
     x_tangent, d_tangent, s_tangent = np.split(derivatives.reshape(len(p), -1).T @ seeds, ends)

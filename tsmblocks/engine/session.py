@@ -14,7 +14,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.engine.backends import kernel_for
-from tsmblocks.engine.equations import Equations, numbers
+from tsmblocks.engine.equations import Equations, function_values
 from tsmblocks.engine.inputs import Signal, input_rows
 from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.methods import Method
@@ -63,7 +63,7 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
     """Delays in steps. Raises RunError for one longer than ``MOST_DELAY_STEPS``, or below its least length."""
     if not eq.q:
         return np.empty(0)
-    tau = numbers(eq.lag, p)[0] / h
+    tau = function_values(eq.lag, p)[0] / h
     for name, steps, least in zip(eq.q, tau, eq.min_delay_steps, strict=True):
         if steps > MOST_DELAY_STEPS:
             raise RunError(
@@ -87,7 +87,7 @@ def start_memory(
     eq: Equations, kernel: Kernel, p: np.ndarray, h: float, start: Mapping[str, float] | None = None
 ) -> Memory:
     """Memory before the first step, for one run."""
-    x, d, s = numbers(eq.start, p)
+    x, d, s = function_values(eq.start, p)
     if start is not None and not isinstance(start, Mapping):
         raise RunError(
             f"initial must map states to their initial values, or be the state of a run, got {in_words(start)}."

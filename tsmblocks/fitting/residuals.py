@@ -19,7 +19,7 @@ from tsmblocks.fitting.inner_products import products, square
 from tsmblocks.fitting.parameters import Constraints, Unknowns
 
 LANES = 32
-"""Parameter sets side by side in one run. Chosen, as ``MOST_DIRECTIONS`` of derivatives."""
+"""Parameter sets side by side in one run; a population is a multiple of it. Chosen, as ``MOST_DIRECTIONS``."""
 ROUNDING = 1e-12
 """Rounding of simulated outputs relative to the measured signals. Chosen."""
 
@@ -98,16 +98,16 @@ class Problem:
     def _blocks(
         self, theta: np.ndarray, steps: np.ndarray | None
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """For each experiment and output: columns of the unknowns it depends on, residuals, their derivatives."""
+        """For each experiment and output: columns of its unknowns, weighted residuals, their derivatives."""
         for e, experiment in enumerate(self.experiments):
             p, columns = self.unknowns.parameters(theta, e), self.unknowns.columns(e)
             if steps is None:
-                y, derivatives = experiment.derivatives(p, self.unknowns.jacobian(p, e))
+                y, exact = experiment.derivatives(p, self.unknowns.jacobian(p, e))
+                derivatives = [J if w == 1 else w * J for J, w in zip(exact, self.weights, strict=True)]
             else:
                 y, derivatives = experiment.outputs(p), self._finite_differences(theta, steps, e)
             for i, weight in enumerate(self.weights):
-                r, J = y[:, i] - experiment.measured[:, i], derivatives[i]
-                yield (columns, r, J) if weight == 1 else (columns, weight * r, J if steps is not None else weight * J)
+                yield columns, weight * (y[:, i] - experiment.measured[:, i]), derivatives[i]
 
     def _finite_differences(self, theta: np.ndarray, steps: np.ndarray, e: int) -> list[np.ndarray]:
         """Weighted central differences in bounds of each output of an experiment, side by side in lanes."""

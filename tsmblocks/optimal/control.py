@@ -11,7 +11,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_bool, as_callback, as_integer, as_number, as_positive
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.interrupt import InterruptFlag, defer_interrupt
-from tsmblocks.engine.equations import numbers
+from tsmblocks.engine.equations import function_values
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.result import OptimalControl, simulated_result
 from tsmblocks.optimal.setup import (
@@ -154,7 +154,7 @@ def optimal_control(
     window = Window(interval, begin, known_rows(task, given, interval.grid(begin, count)))
     options = {**SOLVER_OPTIONS, "ipopt.max_iter": as_integer("iterations", iterations, 1)}
     programmes = {one: Programme(interval, count, one, periodic, options) for one in ("rms", "peak", "within")}
-    x = numbers(task.eq.start, task.p)[0]
+    x = function_values(task.eq.start, task.p)[0]
     with defer_interrupt() as stopped:
         search = _Search(window, goal, programmes, stopped)
         ended = search.best(initial_commands(window, guess, t), x, progress)

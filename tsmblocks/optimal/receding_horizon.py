@@ -12,7 +12,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_callback, as_integer, as_names, as_number, as_positive
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.interrupt import defer_interrupt
-from tsmblocks.engine.equations import numbers
+from tsmblocks.engine.equations import function_values
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.optimal.control import SMOOTHING_SIZES, SOLVER_OPTIONS
 from tsmblocks.optimal.result import OptimalControl, simulated_result
@@ -130,7 +130,7 @@ class RecedingHorizon:
         options = ({**SOLVER_OPTIONS, "ipopt.max_iter": most} for most in (10 * few, few))
         self._first, self._later = (Programme(self.interval, ahead, goal, False, one) for one in options)
         self.t = as_number("start", start)
-        self.state = numbers(task.eq.start, task.p)[0]
+        self.state = function_values(task.eq.start, task.p)[0]
         self.command = np.clip(np.zeros(len(task.commands)), *task.ranges)
         self.seconds: list[float] = []
         self.missed = self.short = 0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.engine.backends import kernel_for
-from tsmblocks.engine.equations import Equations, numbers
+from tsmblocks.engine.equations import Equations, function_values
 from tsmblocks.engine.inputs import Signal, input_rows
 from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.methods import Method
@@ -51,7 +51,7 @@ def _start_function(eq: Equations, lanes: int) -> Any:
 def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memory:
     """Memory before the first step, one parameter set per lane; ``p`` has shape (parameters, lanes)."""
     lanes = kernel.plan.lanes
-    x, d, s = (v.reshape(lanes, -1).T for v in numbers(_start_function(eq, lanes), p.T))
+    x, d, s = (v.reshape(lanes, -1).T for v in function_values(_start_function(eq, lanes), p.T))
     capacity = delay_capacity(np.concatenate([check_delays(eq, p[:, k], h) for k in range(lanes)]))
     flat: Any = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]
     return kernel.memory(x, d, flat, s, capacity)  # type: ignore[arg-type]

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.common.tables import few
-from tsmblocks.engine.equations import DELAY_SAMPLES, Equations, numbers
+from tsmblocks.engine.equations import DELAY_SAMPLES, Equations, function_values
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.methods import Method
@@ -129,7 +129,7 @@ def _start_jacobian(run: RunStart, h: float) -> Any:
     eq, p, start = run.eq, run.p, run.start
     q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))
     u = [s.at(np.array([start]), order, 1e-6 * h)[0] for s, order in run.signals] or np.zeros(len(eq.u))
-    x, d = (run.memory.x, run.memory.d) if run.memory else numbers(eq.start, p)[:2]
+    x, d = (run.memory.x, run.memory.d) if run.memory else function_values(eq.start, p)[:2]
     return _jacobian(eq)(start, x, d, u, q, p)
 
 
