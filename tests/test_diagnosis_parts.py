@@ -53,8 +53,10 @@ from tsmblocks.diagnosis.insertion_points import driving_port, insertion_points,
 from tsmblocks.diagnosis.model import ModelSettings, calibrate, optimized, pose_extended
 from tsmblocks.diagnosis.noise_floor import propagated_input_noise
 from tsmblocks.diagnosis.presentation import unit_of
-from tsmblocks.diagnosis.screening import base_subspace, screening_score
+from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, screening_score
 from tsmblocks.effects import Effect, Trials, catalogue, registered
+from tsmblocks.fitting.column_space import column_space
+from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
@@ -420,7 +422,7 @@ def test_blocks_cover_everything_once(plant):
 
 def refitted(model, part, pull, null):
     """What a linear model leaves of each part, fitted to all others by least squares, exactly."""
-    J, theta, made = model.J, model.theta, np.empty_like(model.r)
+    J, theta, made = model.J.dense(), model.theta, np.empty_like(model.r)
     for g in np.unique(part):
         held = part == g
         rows = np.vstack([J[~held], np.diag(np.sqrt(pull))])
@@ -449,7 +451,7 @@ def test_held_out_is_close_to_the_refit_of_the_paper_model():
         found = least_squares(
             lambda theta, kept=~held: model.problem.residuals(theta)[kept],
             model.theta,
-            jac=lambda theta, kept=~held: model.problem.jacobian(theta)[1][kept],
+            jac=lambda theta, kept=~held: model.problem.jacobian(theta)[1].dense()[kept],
             x_scale=np.abs(model.theta) + 0.01,
             xtol=1e-10,
         )
@@ -467,7 +469,7 @@ def test_start_values_are_never_held_out():
     assert made.shape == (model.problem.samples, (~local).sum())
     for e, segment in enumerate(model.problem.segments):
         own = [k for k in model.problem.unknowns.columns(e) if local[k]]
-        J = model.J[segment]
+        J = model.J.dense()[segment]
         taken = J[:, own] @ lstsq(J[:, own], J[:, ~local])[0]
         assert made[segment] == pytest.approx(J[:, ~local] - taken, abs=1e-9 * np.abs(J).max())
         assert np.abs(made[segment].T @ J[:, own]).max() < 1e-9 * np.abs(J).max() ** 2 * len(T)
@@ -479,7 +481,7 @@ def test_what_one_part_alone_determines_does_not_explode():
     model = fitted()
     part = time_blocks(model.problem)
     spike = np.where(part.block == 5, 10.0, 0.0)
-    J = np.column_stack([model.J, spike])
+    J = Jacobian.of(np.column_stack([model.J.dense(), spike]))
     items = (*model.problem.unknowns.items, SimpleNamespace(experiment="", parameter="own", name="own"))
     wide = SimpleNamespace(
         J=J,
@@ -686,9 +688,13 @@ def test_what_shows_now_and_then_is_named():
 # ---- promises
 
 
+def space_of(model):
+    return column_space(model.J, SQUARED_EFFECT_TOLERANCE)
+
+
 def exact_fall(model, columns):
     """How much the sum of squares falls when these columns (N, k) are fitted beside the base."""
-    wide = np.column_stack([model.J, columns])
+    wide = np.column_stack([model.J.dense(), columns])
     return model.r @ model.r - np.sum((model.r + wide @ lstsq(wide, -model.r)[0]) ** 2)
 
 
@@ -704,7 +710,7 @@ def test_what_an_effect_that_is_linear_in_its_size_promises(name, hidden, column
     records = recordings(more=hidden)
     model = fitted(records=records)
     found, wires = offered(model, records, [effect(name)])
-    got = screening_score(found[0], model, records, asked(), wires, base_subspace(model), 1.0)
+    got = screening_score(found[0], model, records, asked(), wires, space_of(model), 1.0)
     outputs = [y / SIGMA for y in wires.signals["offset.y"]]
     middle = wires.span("offset.y").middle
     away = np.concatenate(wires.signals["offset.y"]) - middle
@@ -718,9 +724,9 @@ def test_what_an_effect_that_is_linear_in_its_size_promises(name, hidden, column
         assert left @ left == pytest.approx(model.r @ model.r - fall, rel=1e-2)
     assert got.gain >= 0.98 * fall
     assert got.gain > 100
-    base, change = base_subspace(model), got.problem.residuals(got.starts[0]) - model.r
+    base, change = space_of(model), got.problem.residuals(got.starts[0]) - model.r
     z = base.project_out(change[:, None])[:, 0]
-    assert np.abs(base.basis.T @ z).max() < 1e-6 * np.sqrt(z @ z)
+    assert np.abs(base.basis.transposed_times(z)).max() < 1e-6 * np.sqrt(z @ z)
 
 
 def test_what_the_base_absorbs_promises_nothing():
@@ -738,11 +744,11 @@ def test_what_the_base_absorbs_promises_nothing():
         lambda scales: Trials({"bias": 0.1}),
     )
     (one_more,), wires = offered(model, records, [again])
-    got = screening_score(one_more, model, records, asked(), wires, base_subspace(model), 1.0)
+    got = screening_score(one_more, model, records, asked(), wires, space_of(model), 1.0)
     assert abs(got.gain) < 1e-3
-    fit = base_subspace(model)
-    assert fit.basis.T @ fit.basis == pytest.approx(np.eye(fit.basis.shape[1]), abs=1e-9)
-    assert fit.basis == pytest.approx(model.J @ fit.to_unknowns, abs=1e-9)
+    fit = space_of(model)
+    assert fit.basis.normal_matrix() == pytest.approx(np.eye(fit.basis.shape[1]), abs=1e-9)
+    assert fit.basis.dense() == pytest.approx(model.J @ fit.turn, abs=1e-9)
 
 
 def test_a_promise_is_kept():
@@ -755,7 +761,7 @@ def test_a_promise_is_kept():
         records[name] = record.with_signal("x_out", y + SIGMA * rng.standard_normal(len(T)), "rad")
     model = fitted(records=records)
     (gap,), wires = offered(model, records, [effect("backlash")])
-    got = screening_score(gap, model, records, asked(), wires, base_subspace(model), 1.0)
+    got = screening_score(gap, model, records, asked(), wires, space_of(model), 1.0)
     end = optimized(got.problem, got.setup, got.starts[0])
     fall = model.r @ model.r - end.r @ end.r
     assert 0.5 * fall < got.gain < 1.5 * fall

@@ -132,6 +132,7 @@ def test_the_derivatives_of_a_fit_equal_central_differences(name):
     )[0]
     theta = problem.unknowns.start
     r, jacobian = problem.jacobian(theta)
+    jacobian = jacobian.dense()
     np.testing.assert_allclose(r, problem.residuals(theta), rtol=0, atol=BACKENDS)
     for k, unknown in enumerate(problem.unknowns.names):
         shares = []

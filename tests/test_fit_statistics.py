@@ -15,6 +15,7 @@ from tests.tolerances import EXACT
 from tsmblocks.common.errors import DataError
 from tsmblocks.fitting.identifiability import _Wording, sizes, undetermined
 from tsmblocks.fitting.inner_products import product
+from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.noise_model import FEWEST, ARModel, LagProducts, best_order, fast_length, noise_models
 from tsmblocks.fitting.statistics import autocorrelation, correlation, intervals, uncertainty
 
@@ -154,7 +155,7 @@ def test_degrees_of_freedom_are_those_of_the_delta_method():
     r = autoregressive(0.7)(600, rng)
     r -= J @ np.linalg.lstsq(J, r, rcond=None)[0]
     known = uncertainty(J, r)
-    noises = noise_models(np.linalg.qr(J)[0].T.copy(), r, [slice(0, 600)])
+    noises = noise_models(Jacobian.of(np.linalg.qr(J)[0]), r, [slice(0, 600)])
     gains = np.linalg.pinv(J)
 
     def variances(a):
@@ -391,7 +392,7 @@ def test_a_fit_does_not_hide_the_slowness_of_noise():
         e = autoregressive(0.98)(400, rng)
         r = e - basis @ (basis.T @ e)
         for found, q in ((plain, 0), (restricted, 3)):
-            model = noise_models(np.ascontiguousarray(basis.T[:q]), r, [slice(0, 400)]).models[0]
+            model = noise_models(Jacobian.of(basis[:, :q]), r, [slice(0, 400)]).models[0]
             found.append(math.sqrt(model.variance) / (1 - model.coefficients.sum()))
     truth = 50.0  # what noise of frequency zero amounts to
     assert np.median(plain) < 0.75 * truth
@@ -494,7 +495,7 @@ def test_a_parameter_that_was_found_near_zero_moves_by_a_number():
 
 def test_a_combination_of_many_is_told_by_the_largest():
     x = np.sin(np.arange(500) * 0.1)
-    one = _Wording(tuple("abcdefghi"), np.array([x] * 9), 0.01, np.ones(9), np.ones(9)).combination(
+    one = _Wording(tuple("abcdefghi"), Jacobian.of(np.array([x] * 9).T), 0.01, np.ones(9), np.ones(9)).combination(
         np.linspace(1, 0.2, 9), "are indistinguishable with these data"
     )
     assert one.words.startswith(

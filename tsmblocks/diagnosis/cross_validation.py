@@ -86,18 +86,15 @@ def projected_jacobian(model: Model) -> np.ndarray:
 
     Initial states belong to one experiment and are determined by its first samples, so they are never held out.
     """
-    return without_initial_states(model, model.J[:, ~model.is_local])
+    return without_initial_states(model, model.J.common)
 
 
 def without_initial_states(model: Model, columns: np.ndarray) -> np.ndarray:
     """Columns (N, m) with the columns of the unknowns of single experiments projected out."""
-    experiments, segments, local = model.problem.experiments, model.problem.segments, model.is_local
-    result, count = columns.copy(), experiments[0].measured.shape[1]
-    for e in range(len(experiments)):
-        rows = slice(segments[e * count].start, segments[(e + 1) * count - 1].stop)
-        own = [k for k in model.problem.unknowns.columns(e) if local[k]]
-        if own:
-            left_vectors, size, _ = np.linalg.svd(model.J[rows][:, own], full_matrices=False)
+    result = columns.copy()
+    for block in model.J.own_blocks():
+        if block.values.size:
+            left_vectors, size, _ = np.linalg.svd(block.values, full_matrices=False)
             basis = left_vectors[:, size > 1e-9 * max(float(size.max()), 1e-300)]
-            result[rows] -= basis @ (basis.T @ result[rows])
+            result[block.rows] -= basis @ (basis.T @ result[block.rows])
     return result

@@ -107,7 +107,7 @@ def separation(model: Model, known: np.ndarray, predicted: Mapping[str, Record],
     """
     problem, setup = pose_extended(model, model.fitted_diagram, (), predicted, settings)
     r, J = problem.jacobian(_initial_unknowns(model, problem.unknowns))
-    new = Model(setup.diagram, problem, setup, problem.unknowns.start, r, np.where(np.isfinite(J), J, 0.0))
+    new = Model(setup.diagram, problem, setup, problem.unknowns.start, r, J.with_finite_values())
     own = projected_jacobian(new)[:, ~model.at_bound[~model.is_local]]
     residual = without_initial_states(new, r[:, None])[:, 0]
     H = known + own.T @ own

@@ -25,8 +25,9 @@ from tsmblocks.diagnosis.decision import (
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, converged, optimized
-from tsmblocks.diagnosis.screening import ScreeningScore, base_subspace, screening_score
+from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, ScreeningScore, screening_score
 from tsmblocks.effects import Effect
+from tsmblocks.fitting.column_space import column_space
 
 MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
@@ -125,7 +126,7 @@ def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list
     named, measured = {key.partition(".")[0] for key in shrinkage}, next(iter(search.records.values())).units
     points = insertion_points(model.fitted_diagram, search.settings.outputs, search.effects, named, measured)
     wires = wire_signals(model, points)
-    base, every = base_subspace(model), candidates(model, search.effects, wires, points)
+    base, every = column_space(model.J, SQUARED_EFFECT_TOLERANCE), candidates(model, search.effects, wires, points)
     scores, detectable = [], MIN_VARIANCE_REDUCTION * search.noise_variance * model.problem.samples
     for k, one in enumerate(every):
         search.progress("tried", k, len(every))

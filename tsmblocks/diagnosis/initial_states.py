@@ -131,13 +131,13 @@ def _reach(model: Model, name: str, own: np.ndarray) -> np.ndarray:
 
 def _idle(model: Model) -> np.ndarray:
     """Which initial states, shape (n,), have no influence at the optimum, or next to none after moving."""
-    return model.is_local & (np.linalg.norm(model.J, axis=0) == 0) | _moved(model)
+    return model.is_local & (model.J.norms == 0) | _moved(model)
 
 
 def _moved(model: Model) -> np.ndarray:
     """Which initial states, shape (n,), the optimisation moved to where they have next to no influence."""
     start = model.problem.unknowns.start
-    influence = np.linalg.norm(model.J, axis=0) * np.maximum(np.abs(model.theta), np.abs(start))
+    influence = model.J.norms * np.maximum(np.abs(model.theta), np.abs(start))
     return model.is_local & (model.theta != start) & (influence <= np.sqrt(COST_TOLERANCE) * np.linalg.norm(model.r))
 
 

@@ -14,6 +14,7 @@ from tsmblocks.data import Record
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import starting_points
 from tsmblocks.fitting.gauss_newton import gauss_newton
+from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.noise import Floor
 from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, no_progress, within_bounds
 from tsmblocks.fitting.residuals import Problem
@@ -78,7 +79,7 @@ class Model:
     setup: Setup = attrs.field(repr=False)
     theta: np.ndarray = attrs.field(repr=False)
     r: np.ndarray = attrs.field(repr=False)
-    J: np.ndarray = attrs.field(repr=False)
+    J: Jacobian = attrs.field(repr=False)
 
     @property
     def mean_square(self) -> float:
@@ -102,7 +103,7 @@ class Model:
     @property
     def is_local(self) -> np.ndarray:
         """Which unknowns belong to one experiment alone, shape (n,)."""
-        return np.array([bool(item.experiment) for item in self.problem.unknowns.items], dtype=bool)
+        return self.problem.unknowns.is_local
 
     @property
     def at_bound(self) -> np.ndarray:
@@ -202,4 +203,4 @@ def converged(model: Model) -> Model:
 def model_at(problem: Problem, setup: Setup, found: OptimizerResult) -> Model:
     """The model where an optimisation ended."""
     r, J = problem.jacobian(found.theta, found.difference_steps)
-    return Model(setup.diagram, problem, setup, found.theta, r, np.where(np.isfinite(J), J, 0.0))
+    return Model(setup.diagram, problem, setup, found.theta, r, J.with_finite_values())

@@ -132,12 +132,10 @@ def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings
         return False
     problem, _ = pose_model(diagram, records, settings, settings.free)
     _, J = problem.jacobian(problem.unknowns.start)
-    items, count = problem.unknowns.items, problem.experiments[0].measured.shape[1]
-    kept = np.zeros(len(problem.experiments))
+    count, kept = problem.experiments[0].measured.shape[1], np.zeros(len(problem.experiments))
     for e in range(len(kept)):
-        own = [k for k in problem.unknowns.columns(e) if items[k].experiment]
         for rows in problem.segments[e * count : (e + 1) * count]:
-            part = np.abs(J[rows][:, own])
+            part = np.abs(J.own[rows])
             tenth = max(len(part) // 10, 1)
             first, last = part[:tenth].max(axis=0), part[-tenth:].mean(axis=0)
             kept[e] = max(kept[e], np.max(last[first > 0] / first[first > 0], initial=0.0))

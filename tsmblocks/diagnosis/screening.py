@@ -13,13 +13,14 @@ import numpy as np
 from tsmblocks.diagnosis.candidates import Candidate, WireSignals
 from tsmblocks.diagnosis.decision import MAX_FINITE_NULL
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
+from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 
-EIGENVALUE_TOLERANCE = 1e-12
-"""Share of the largest eigenvalue of the scaled normal matrix below which a direction of the base is not identifiable.
-Chosen: above rounding of a squared matrix."""
+SQUARED_EFFECT_TOLERANCE = 1e-12
+"""Squared effect of a direction of the base's parameters, as a share of the largest, below which it is not
+identifiable. Chosen: above rounding of a squared matrix."""
 REFINEMENT_SHAPES = 12
 """Shapes tried on each side of the best one in a refinement of the grid. Chosen."""
 REFINEMENT_ROUNDS = 3
@@ -36,30 +37,6 @@ MAX_SIZE_FACTOR = 40.0
 """Largest size of an effect at the start of its fit [trial sizes]. Chosen: beyond it a linear prediction fails."""
 MAX_EXTRAPOLATION = 4.0
 """The same for effects whose size is part of the shape. Chosen: the distance of neighbouring shapes."""
-
-
-@attrs.frozen(eq=False)
-class BaseSubspace:
-    """The column space of the base's Jacobian: an orthonormal ``basis`` (N, k), and ``to_unknowns`` (n, k) from it."""
-
-    basis: np.ndarray
-    to_unknowns: np.ndarray
-
-    def project_out(self, z: np.ndarray) -> np.ndarray:
-        """Columns (N, m) with the base projected out."""
-        return z - product(self.basis, product(np.ascontiguousarray(self.basis.T), z))
-
-
-def base_subspace(model: Model) -> BaseSubspace:
-    """The column space of a model's Jacobian, without directions that are not identifiable."""
-    J = model.J
-    size = np.sqrt(np.einsum("ij,ij->j", J, J))
-    size = np.where(size > 0, size, 1.0)
-    scaled = J / size
-    values, vectors = np.linalg.eigh(product(np.ascontiguousarray(scaled.T), scaled))
-    kept = values > EIGENVALUE_TOLERANCE * values.max(initial=0.0)
-    turn = vectors[:, kept] / np.sqrt(values[kept])
-    return BaseSubspace(product(scaled, turn), turn / size[:, None])
 
 
 @attrs.frozen(eq=False)
@@ -102,7 +79,7 @@ def screening_score(
     records: Mapping,
     settings: ModelSettings,
     wires: WireSignals,
-    base: BaseSubspace,
+    base: ColumnSpace,
     detectable: float,
 ) -> ScreeningScore:
     """Simulate a candidate's shapes and sizes in one batch; ``detectable`` is the least detectable sum of squares."""
@@ -162,7 +139,7 @@ class _Screening:
     candidate: Candidate
     problem: Problem
     model: Model
-    base: BaseSubspace
+    base: ColumnSpace
     starting_values: np.ndarray
 
     @property
@@ -179,9 +156,9 @@ class _Screening:
         single = [{name: size} for name, size in self.candidate.trials.strengths.items()] or [{}]
         changes = self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
         wide = np.ascontiguousarray(changes.T)
-        inside = product(np.ascontiguousarray(self.base.basis.T), changes)
+        inside = self.base.basis.transposed_times(changes)
         gradient = np.array([np.einsum("i,i->", row, self.model.r) for row in wide])
-        gradient = gradient - inside.T @ (self.base.basis.T @ self.model.r)
+        gradient = gradient - inside.T @ self.base.basis.transposed_times(self.model.r)
         results = []
         for k, shape in enumerate(shapes):
             mine = slice(k * len(single), (k + 1) * len(single))
@@ -220,7 +197,7 @@ class _Screening:
         size = self._sizes(g, m) if strengths else np.ones(1)
         numbers = {k: s * v for (k, v), s in zip(strengths.items(), size, strict=False)}
         base_fixed, unknowns = self._unknowns_at({**shape, **numbers}), self.problem.unknowns
-        shift = dict(zip(self.model.problem.unknowns.names, -self.base.to_unknowns @ (inside @ size), strict=True))
+        shift = dict(zip(self.model.problem.unknowns.names, -self.base.turn @ (inside @ size), strict=True))
         theta = base_fixed + np.array([shift.get(name, 0.0) for name in unknowns.names])
 
         def fall(by: np.ndarray) -> float:
@@ -274,7 +251,7 @@ def _with_narrow_bounds(problem: Problem, candidate: Candidate, best: _ShapeTria
     return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
 
 
-def _is_distinct(one: _ShapeTrial, best: _ShapeTrial, base: BaseSubspace) -> bool:
+def _is_distinct(one: _ShapeTrial, best: _ShapeTrial, base: ColumnSpace) -> bool:
     """Whether two shapes are different starting points: their output changes are not strongly correlated."""
     a, b = base.project_out(np.stack([one.output_change, best.output_change], axis=1)).T
     return float(np.einsum("i,i->", a, b)) ** 2 < MAX_SQUARED_CORRELATION * square(a) * square(b)

@@ -137,7 +137,7 @@ def _discontinuous(problem: Problem, found: OptimizerResult) -> list[int]:
     if found.difference_steps is not None:  # the search could not go by derivatives
         exact, rises = (problem.jacobian(found.theta, steps)[1] for steps in (None, found.difference_steps))
         with np.errstate(over="ignore", invalid="ignore"):
-            astray = ~(np.linalg.norm(exact - rises, axis=0) <= ASTRAY * np.linalg.norm(exact, axis=0)) & ~flat
+            astray = ~((exact - rises).norms <= ASTRAY * exact.norms) & ~flat
     few = astray.sum() <= FEW
     return [int(k) for k in np.flatnonzero(flat | astray if few else flat)]
 

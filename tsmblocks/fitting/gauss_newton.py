@@ -19,7 +19,7 @@ from tsmblocks.fitting.optimizer import (
     no_progress,
     within_bounds,
 )
-from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
+from tsmblocks.fitting.quadratic_program import Infeasible, reduced_step
 from tsmblocks.fitting.residuals import Problem
 
 FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-13
@@ -119,7 +119,9 @@ class _Search:
         matrix = self.matrix * size[:, None] * size  # one after the other: the product of two sizes may overflow
         damped = matrix + damping * np.eye(len(size))
         try:
-            scaled, multipliers = quadratic_step(damped, self.gradient * size, rows * size, bounds, equal)
+            scaled, multipliers = reduced_step(
+                damped, self.gradient * size, rows * size, bounds, equal, problem.unknowns.own
+            )
         except (Infeasible, np.linalg.LinAlgError):
             return None
         own = multipliers[len(multipliers) - len(problem.constraints.names) :]

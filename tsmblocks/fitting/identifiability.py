@@ -10,7 +10,9 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.tables import listed
-from tsmblocks.fitting.statistics import RANK, Uncertainty, intervals, spectrum
+from tsmblocks.fitting.column_space import column_space
+from tsmblocks.fitting.jacobian import Jacobian
+from tsmblocks.fitting.statistics import RANK, Uncertainty, intervals
 
 SILENT = 1e-10
 """Sensitivity to a parameter, relative to the strongest, below which it is rounding. Chosen."""
@@ -59,7 +61,7 @@ def sizes(theta: np.ndarray, start: np.ndarray, low: np.ndarray, high: np.ndarra
 
 
 def undetermined(
-    J: np.ndarray,
+    J: np.ndarray | Jacobian,
     r: np.ndarray,
     names: Sequence[str],
     theta: np.ndarray,
@@ -83,15 +85,16 @@ def undetermined(
     """
     theta = np.asarray(theta, dtype=float)
     scales = np.where(theta != 0, np.abs(theta), 1.0) if scales is None else np.asarray(scales, dtype=float)
-    rows = np.ascontiguousarray(np.asarray(J, dtype=float).T) * scales[:, None]
-    weight = np.zeros((len(rows), len(rows))) if prior is None else prior * np.outer(scales, scales)
-    size = np.sqrt(np.einsum("pn,pn->p", rows, rows) + np.diag(weight))
-    wording = _Wording(tuple(names), rows, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
+    moved = Jacobian.of(J).scaled(scales)  # what each parameter changes when moved by all of its size
+    weight = np.zeros((len(theta), len(theta))) if prior is None else prior * np.outer(scales, scales)
+    size = np.sqrt(moved.norms**2 + np.diag(weight))
+    wording = _Wording(tuple(names), moved, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
     held = np.empty((0, len(theta))) if held is None else np.asarray(held, dtype=float).reshape(-1, len(theta)) * scales
     loose = np.abs(np.linalg.norm(_free(held), axis=1) - 1) < 1e-6  # held back by nothing else
     silent = loose & (size <= SILENT * size.max(initial=0.0))
     found = [wording.without_influence(int(i)) for i in np.flatnonzero(silent)]
-    weak = _null(rows, weight, size, _free(np.vstack([held, np.eye(len(theta))[silent]])))
+    space = column_space(moved, RANK, weight, np.vstack([held, np.eye(len(theta))[silent]]))
+    weak = _sparse(space.unseen / space.scale[:, None])  # no effect but rounding
     found += [wording.combination(v, "only matter through a combination") for v in weak]
     half = intervals(np.zeros(len(theta)), known.covariance, known.freedom)[1] / scales
     vague = [v for v in _vague(known, scales, half) if (np.abs(v) >= LEADING).sum() > 1]
@@ -112,17 +115,6 @@ def _free(held: np.ndarray) -> np.ndarray:
         return np.eye(held.shape[1])
     _, size, turn = np.linalg.svd(held / np.maximum(np.linalg.norm(held, axis=1, keepdims=True), 1e-300))
     return turn[int((size > 1e-10).sum()) :].T
-
-
-def _null(rows: np.ndarray, weight: np.ndarray, size: np.ndarray, free: np.ndarray) -> list[np.ndarray]:
-    """Combinations without any effect but rounding, in shares of each parameter's size."""
-    if not free.size:
-        return []
-    size = np.where(size > 0, size, 1.0)
-    turned, _ = np.linalg.qr(size[:, None] * free)  # directions in which every parameter has the same effect
-    values, vectors = spectrum(rows / size[:, None], weight / np.outer(size, size), turned)
-    weak = turned @ vectors[:, values <= RANK * max(values.max(), 1e-300)]
-    return _sparse(weak / size[:, None])
 
 
 def _vague(known: Uncertainty, scales: np.ndarray, half: np.ndarray) -> list[np.ndarray]:
@@ -174,17 +166,17 @@ def _leaving(basis: np.ndarray, out: list[int]) -> np.ndarray:
 
 @attrs.frozen(eq=False)
 class _Wording:
-    """Puts findings in words. ``rows`` (p, N) is what each parameter changes when moved by all of its size."""
+    """Puts findings in words. ``moved`` (N, p) is what each parameter changes when moved by all of its size."""
 
     names: tuple[str, ...]
-    rows: np.ndarray
+    moved: Jacobian
     rms: float
     theta: np.ndarray
     scales: np.ndarray
 
     def effect(self, v: np.ndarray) -> float:
         """What a hundredth of ``v`` changes, in rms values of the residual."""
-        change = 0.01 * float(np.sqrt(np.mean(np.square(v @ self.rows))))
+        change = 0.01 * float(np.sqrt(np.mean(np.square(self.moved @ v))))
         return change / self.rms if self.rms > 0 else (math.inf if change > 0 else 0.0)
 
     def without_influence(self, i: int) -> Undetermined:

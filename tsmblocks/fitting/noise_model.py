@@ -19,6 +19,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.fitting.inner_products import product, square
+from tsmblocks.fitting.jacobian import Jacobian
 
 LONGEST = 10_000
 """Length of one dot product. Chosen: longer ones start threads of the library."""
@@ -178,13 +179,35 @@ def _ridged(matrix: np.ndarray) -> np.ndarray:
     return matrix + (RIDGE * np.trace(matrix) / len(matrix) + 1e-300) * np.eye(len(matrix))
 
 
+@attrs.frozen(eq=False)
+class BlockLagProducts:
+    """Lag products of signals z (m,) of which only some are not zero in each experiment.
+
+    ``parts`` holds for each experiment which these are, shape (k,), and their lag products.
+    """
+
+    parts: tuple[tuple[np.ndarray, LagProducts], ...]
+    count: int
+
+    def along(self, outer: np.ndarray) -> np.ndarray:
+        """As for ``LagProducts``, for ``outer`` (m, m)."""
+        return np.sum([part.along(outer[np.ix_(which, which)]) for which, part in self.parts], axis=0)
+
+    def filtered(self, weights: np.ndarray) -> np.ndarray:
+        """As for ``LagProducts``, shape (m, m)."""
+        result = np.zeros((self.count, self.count))
+        for which, part in self.parts:
+            result[np.ix_(which, which)] += part.filtered(weights)
+        return result
+
+
 @attrs.define(eq=False)
 class _Source:
     """What the noise of some segments is estimated from."""
 
     users: list[int]  # segments that have this noise
-    learnt: LagProducts  # of [basis, r] over the segments it is learnt from
-    used: LagProducts  # the same, over its users
+    learnt: BlockLagProducts  # of [basis, r] over the segments it is learnt from
+    used: BlockLagProducts  # the same, over its users
     samples: int
     model: Any = None
     inverse: Any = None  # information on the coefficients, inverted
@@ -219,15 +242,15 @@ class NoiseModels:
     source: tuple[int, ...]
 
 
-def noise_models(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> NoiseModels:
-    """Models of the noise in residuals ``r`` (N,) of a fit along ``basis`` (q, N), whose rows are orthonormal.
+def noise_models(basis: Jacobian, r: np.ndarray, segments: Sequence[slice]) -> NoiseModels:
+    """Models of the noise in residuals ``r`` (N,) of a fit along ``basis`` (N, q), whose columns are orthonormal.
 
     The order is the best by AICc up to 10 log10(n) or an eighth of the samples. Noise and the error of the
     parameters are estimated in turn (the expectation-maximisation form of restricted likelihood). Segments
     of fewer than ``FEWEST`` samples take the model of all segments together.
     """
-    sources = _sources(np.vstack([basis, r]), segments)
-    q = len(basis)
+    sources = _sources(basis, r, segments)
+    q = basis.shape[1]
     error, spread = np.zeros(q), square(r) / max(len(r) - q, 1) * np.eye(q)  # as if the noise were white
     for turn in range(ROUNDS + 1):
         outer = np.zeros((q + 1, q + 1))
@@ -242,8 +265,9 @@ def noise_models(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) ->
         spread = np.linalg.inv(_ridged(known[:q, :q]))
         error = spread @ known[:q, q]
         size = np.trace(spread)
-        still = np.abs(error - before[0]).max() <= ENOUGH * np.sqrt(max(size, 0.0))
-        if still and np.abs(spread - before[1]).max() <= ENOUGH * size:
+        # Norms that are the same for every orthonormal basis.
+        still = np.linalg.norm(error - before[0]) <= ENOUGH * np.sqrt(max(size, 0.0))
+        if still and np.linalg.norm(spread - before[1]) <= ENOUGH * size:
             break
     of = {s: source for source in sources for s in source.users}
     order = [of[s] for s in range(len(segments))]
@@ -255,20 +279,31 @@ def noise_models(basis: np.ndarray, r: np.ndarray, segments: Sequence[slice]) ->
     )
 
 
-def _sources(rows: np.ndarray, segments: Sequence[slice]) -> list[_Source]:
-    lengths = [s.stop - s.start for s in segments]
-    fewest = max(FEWEST, 4 * len(rows))
+def _sources(basis: Jacobian, r: np.ndarray, segments: Sequence[slice]) -> list[_Source]:
+    lengths, q = [s.stop - s.start for s in segments], basis.shape[1]
+    fewest = max(FEWEST, 4 * (q + 1))
+    blocks = [(np.r_[one.columns, q], np.vstack([one.values.T, r[one.rows]]), one.rows.start) for one in basis.blocks()]
+    of = [basis.experiment_of(s) for s in segments]
+
+    def learnt(some: Sequence[int], order: int) -> BlockLagProducts:
+        parts = []
+        for e in dict.fromkeys(of[i] for i in some):
+            which, rows, first = blocks[e]
+            mine = [rows[:, segments[i].start - first : segments[i].stop - first] for i in some if of[i] == e]
+            parts.append((which, LagProducts.of(mine, order)))
+        return BlockLagProducts(tuple(parts), q + 1)
+
     made = []
     for i, s in enumerate(segments):
         if lengths[i] >= fewest:
-            products = LagProducts.of([rows[:, s]], _order([rows[-1:, s]], lengths[i]))
+            products = learnt([i], _order([r[None, s]], lengths[i]))
             made.append(_Source([i], products, products, lengths[i]))
     short = [i for i, n in enumerate(lengths) if n < fewest]
     if short:
-        k = _order([rows[-1:, s] for s in segments], max(lengths))
-        learnt = LagProducts.of([rows[:, s] for s in segments], k)
-        used = learnt if len(short) == len(segments) else LagProducts.of([rows[:, segments[i]] for i in short], k)
-        made.append(_Source(short, learnt, used, sum(n for n in lengths if n > k)))
+        k = _order([r[None, s] for s in segments], max(lengths))
+        every = learnt(range(len(segments)), k)
+        used = every if len(short) == len(segments) else learnt(short, k)
+        made.append(_Source(short, every, used, sum(n for n in lengths if n > k)))
     return made
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
@@ -70,25 +71,40 @@ class Unknowns:
             made.append((np.array(own, dtype=int), np.array(places, dtype=int)))
         return tuple(made)
 
-    @property
+    @functools.cached_property
     def names(self) -> tuple[str, ...]:
         """Name of each unknown."""
         return tuple(item.name for item in self.items)
 
-    @property
+    @functools.cached_property
     def start(self) -> np.ndarray:
         """Where the search begins, shape (unknowns,)."""
-        return np.array([item.start for item in self.items])
+        return _constant(item.start for item in self.items)
 
-    @property
+    @functools.cached_property
     def low(self) -> np.ndarray:
         """Lower bounds, shape (unknowns,)."""
-        return np.array([item.low for item in self.items])
+        return _constant(item.low for item in self.items)
 
-    @property
+    @functools.cached_property
     def high(self) -> np.ndarray:
         """Upper bounds, shape (unknowns,)."""
-        return np.array([item.high for item in self.items])
+        return _constant(item.high for item in self.items)
+
+    @functools.cached_property
+    def is_local(self) -> np.ndarray:
+        """Which unknowns belong to one experiment alone, shape (unknowns,)."""
+        return _constant((bool(item.experiment) for item in self.items), dtype=bool)
+
+    @functools.cached_property
+    def common(self) -> np.ndarray:
+        """The unknowns that belong to all experiments."""
+        return np.flatnonzero(~self.is_local)
+
+    @functools.cached_property
+    def own(self) -> tuple[np.ndarray, ...]:
+        """The unknowns of each experiment alone."""
+        return tuple(columns[self.is_local[columns]] for columns, _ in self._maps)
 
     def columns(self, e: int) -> np.ndarray:
         """Which unknowns matter to experiment ``e``."""
@@ -141,6 +157,13 @@ class Unknowns:
         """Numbers of experiment ``e`` by parameter name, ties included."""
         p = self.parameters(theta, e)
         return {self.order[k]: float(p[k]) for k in self.changed(e)}
+
+
+def _constant(values: Iterable[Any], dtype: type = float) -> np.ndarray:
+    """An array that nobody changes by mistake."""
+    made: np.ndarray = np.array(list(values), dtype=dtype)
+    made.setflags(write=False)
+    return made
 
 
 def with_ties(unknowns: Unknowns, ties: Ties) -> Unknowns:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,43 @@ def quadratic_step(
     step, multipliers[active] = _on_active_set(lifted, gradient, rows[active], bounds[active])
     if _violated(step, rows, bounds, equal).any():
         raise Infeasible("no step meets all constraints at once.")
+    return step, multipliers
+
+
+def reduced_step(
+    matrix: np.ndarray,
+    gradient: np.ndarray,
+    rows: np.ndarray,
+    bounds: np.ndarray,
+    equal: np.ndarray,
+    own: Sequence[np.ndarray],
+) -> tuple[np.ndarray, np.ndarray]:
+    """``quadratic_step`` of an arrowhead matrix: the unknowns ``own[e]`` meet none of ``own[f]`` in it.
+
+    Those that no constraint limits are eliminated, one group after the other (Schur complement).
+    Source: Nocedal and Wright, Numerical Optimization (2006), 10.3.
+    """
+    limited = np.any(rows != 0, axis=0)
+    groups = [free for columns in own if len(free := columns[~limited[columns]])]
+    if not groups:
+        return quadratic_step(matrix, gradient, rows, bounds, equal)
+    kept = np.ones(len(gradient), dtype=bool)
+    kept[np.concatenate(groups)] = False
+    if not kept.any():
+        kept[groups.pop()] = True
+    reduced, slope, largest = matrix[np.ix_(kept, kept)], gradient[kept], float(np.diag(matrix).max())
+    solved = []
+    for columns in groups:
+        values, vectors = np.linalg.eigh(matrix[np.ix_(columns, columns)])
+        border = np.concatenate([matrix[columns][:, kept], gradient[columns, None]], axis=1)
+        turned = vectors.T @ border / np.sqrt(np.maximum(values, SINGULAR * largest))[:, None]
+        reduced = reduced - turned[:, :-1].T @ turned[:, :-1]
+        slope = slope - turned[:, :-1].T @ turned[:, -1]
+        solved.append((vectors / np.sqrt(np.maximum(values, SINGULAR * largest)), turned))
+    step = np.zeros(len(gradient))
+    step[kept], multipliers = quadratic_step(reduced, slope, rows[:, kept], bounds, equal)
+    for columns, (vectors, turned) in zip(groups, solved, strict=True):
+        step[columns] = -vectors @ (turned[:, -1] + turned[:, :-1] @ step[kept])
     return step, multipliers
 
 

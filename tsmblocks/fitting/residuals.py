@@ -6,6 +6,7 @@ Every method of search sees a fit through this class and knows nothing of diagra
 from __future__ import annotations
 
 import functools
+import itertools
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ import numpy as np
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import products, square
+from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.parameters import Constraints, Unknowns
 
 LANES = 32
@@ -78,22 +80,31 @@ class Problem:
                 first += len(experiment.t)
         return made
 
+    @property
+    def rows(self) -> tuple[slice, ...]:
+        """Slices of the residual vector, one for each experiment."""
+        ends = np.cumsum([0, *(experiment.measured.size for experiment in self.experiments)]).tolist()
+        return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
+
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Weighted differences, simulation less measurement, shape (samples,)."""
         outputs = [e.outputs(self.unknowns.parameters(theta, k)) for k, e in enumerate(self.experiments)]
         pairs = zip(outputs, self.experiments, strict=True)
         return np.concatenate([((y - e.measured) * self.weights).ravel(order="F") for y, e in pairs])
 
-    def jacobian(self, theta: np.ndarray, steps: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def jacobian(self, theta: np.ndarray, steps: np.ndarray | None = None) -> tuple[np.ndarray, Jacobian]:
         """Weighted residuals (samples,) and their derivatives (samples, unknowns).
 
         With ``steps`` (unknowns,), central differences over that far to each side: where the outputs jump (an encoder
         in a loop) or bend (a stop), these lead downhill.
         """
-        residuals, derivatives = np.empty(self.samples), np.zeros((self.samples, len(theta)))
+        unknowns, residuals = self.unknowns, np.empty(self.samples)
+        common = np.empty((self.samples, len(unknowns.common)))
+        own = np.zeros((self.samples, max((len(columns) for columns in unknowns.own), default=0)))
         for rows, (columns, r, J) in zip(self.segments, self._blocks(theta, steps), strict=True):
-            residuals[rows], derivatives[rows, columns] = r, J
-        return residuals, derivatives
+            local = unknowns.is_local[columns]
+            residuals[rows], common[rows], own[rows, : local.sum()] = r, J[:, ~local], J[:, local]
+        return residuals, Jacobian(common, own, self.rows, unknowns.common, unknowns.own)
 
     def _blocks(
         self, theta: np.ndarray, steps: np.ndarray | None

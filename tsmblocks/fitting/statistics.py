@@ -9,15 +9,13 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
+from tsmblocks.fitting.column_space import ColumnSpace, column_space
 from tsmblocks.fitting.inner_products import product, square
+from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.noise_model import ARModel, NoiseModels, fast_length, noise_models
 
 RANK = 1e-24
 """Square of the smallest relative effect of a direction on the residuals that exceeds rounding. Chosen."""
-SUSPECT = 1e-10
-"""Ratio of eigenvalues below which a product of matrices is not trusted with the smaller ones. Chosen."""
-PIECE = 1000
-"""Samples factorised at a time. Chosen: a block of these rows stays in the cache of the processor."""
 MIN_UNIDENTIFIABLE_SHARE = 1e-3
 """Share of a parameter in a direction without effect from which the parameter is not identifiable. Chosen."""
 LEAST_FREEDOM = 2.0
@@ -46,7 +44,7 @@ class Uncertainty:
 
 
 def uncertainty(
-    J: np.ndarray,
+    J: np.ndarray | Jacobian,
     r: np.ndarray,
     segments: Sequence[slice] | None = None,
     *,
@@ -74,30 +72,33 @@ def uncertainty(
     Sources: Söderström and Stoica, System Identification (1989), section 7.4; Ljung, System Identification
     (1999), section 9.3; Satterthwaite, Biometrics Bulletin 2 (1946).
     """
-    J, r = np.asarray(J, dtype=float), np.asarray(r, dtype=float)
+    J, r = Jacobian.of(J), np.asarray(r, dtype=float)
     segments = [slice(0, len(r))] if segments is None else [s for s in segments if s.stop > s.start]
     _check(J, r, segments)
-    rows, p = np.ascontiguousarray(J.T), J.shape[1]
-    weight = np.zeros((p, p)) if prior is None else np.asarray(prior, dtype=float)
-    basis, unidentifiable = _identifiable_basis(rows, weight, held)
-    seen = product(np.ascontiguousarray(basis.T), rows)
-    noises = noise_models(seen, r, segments)
-    gains = product(basis, seen)  # the error of the estimate is this matrix times the noise
-    covariance, freedom = _noise_covariance(gains, noises, segments, len(seen) / len(r))
-    residual_variance = square(r) / (len(r) - len(seen))
-    inverse = basis @ basis.T
-    from_prior = inverse @ weight @ inverse * (residual_variance if noise is None else noise**2)
-    white = residual_variance * product(gains, gains.T) + from_prior
-    total = covariance + from_prior
-    if ((np.diag(total) <= 0) & (np.diag(white) > 0)).any():  # rounding left nothing of noise that is all but periodic
-        total = white
+    weight = None if prior is None else np.asarray(prior, dtype=float)
+    space = column_space(J, RANK, weight, held)
+    turn, count = space.turn, space.turn.shape[1]
+    noises = noise_models(space.basis, r, segments)
+    covariance, freedom = _noise_covariance(space, noises, segments, count / len(r))
+    residual_variance = square(r) / (len(r) - count)
+    white = residual_variance * turn @ space.basis.normal_matrix() @ turn.T
+    if weight is not None:
+        inverse = turn @ turn.T
+        from_prior = inverse @ weight @ inverse * (residual_variance if noise is None else noise**2)
+        covariance, white = covariance + from_prior, white + from_prior
+    if ((np.diag(covariance) <= 0) & (np.diag(white) > 0)).any():  # rounding left nothing of all but periodic noise
+        covariance = white
+    unidentifiable = (np.abs(space.unseen) > MIN_UNIDENTIFIABLE_SHARE).any(axis=1)
     return Uncertainty(
-        _with_unidentifiable(total, unidentifiable), _with_unidentifiable(white, unidentifiable), freedom, noises.models
+        _with_unidentifiable(covariance, unidentifiable),
+        _with_unidentifiable(white, unidentifiable),
+        freedom,
+        noises.models,
     )
 
 
 def moved(
-    J: np.ndarray, change: np.ndarray, *, prior: np.ndarray | None = None, held: np.ndarray | None = None
+    J: np.ndarray | Jacobian, change: np.ndarray, *, prior: np.ndarray | None = None, held: np.ndarray | None = None
 ) -> np.ndarray:
     r"""How far the estimate moves, to first order, when the residuals change by ``change`` (N,), shape (p,).
 
@@ -105,55 +106,22 @@ def moved(
 
     Other arguments as for ``uncertainty``; parameters that are held or not identifiable do not move.
     """
-    rows = np.ascontiguousarray(np.asarray(J, dtype=float).T)
-    basis, _ = _identifiable_basis(rows, np.zeros((len(rows), len(rows))) if prior is None else prior, held)
-    return -basis @ (basis.T @ (rows @ change))
+    J = Jacobian.of(J)
+    turn = column_space(J, RANK, prior, held).turn
+    return -turn @ (turn.T @ J.transposed_times(change))
 
 
-def _check(J: np.ndarray, r: np.ndarray, segments: Sequence[slice]) -> None:
-    if J.ndim != 2 or r.shape != J.shape[:1]:
+def _check(J: Jacobian, r: np.ndarray, segments: Sequence[slice]) -> None:
+    if r.shape != J.shape[:1]:
         raise DataError(f"a Jacobian of shape (N, p) and N residuals are needed, got shapes {J.shape} and {r.shape}.")
     if len(r) <= J.shape[1]:
         raise DataError(
             f"{len(r)} samples cannot tell how sure {J.shape[1]} parameters are: it takes more samples than parameters."
         )
-    if not (np.isfinite(r).all() and np.isfinite(J).all()):
+    if not (np.isfinite(r).all() and J.is_finite.all()):
         raise DataError("residuals and their Jacobian must be finite to tell how sure a fit is.")
     if sum(s.stop - s.start for s in segments) != len(r):
         raise DataError(f"the segments must cover each of the {len(r)} residuals once.")
-
-
-def _identifiable_basis(rows: np.ndarray, weight: np.ndarray, held: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """A basis B (p, q) of the identifiable directions, B'HB = 1; and which parameters are not identifiable (p,)."""
-    p = len(rows)
-    scale = np.sqrt(np.einsum("pn,pn->p", rows, rows) + np.diag(weight))
-    scale = np.where(scale > 1e-150, scale, 1.0)
-    free = np.eye(p)
-    if held is not None and np.size(held):
-        _, size, turn = np.linalg.svd(np.asarray(held, dtype=float) / scale)
-        free = turn[int((size > 1e-10 * size.max()).sum()) :].T
-        free = np.where(np.abs(free) > 1e-13, free, 0.0)  # what is held has no error at all, not one of rounding
-    values, vectors = spectrum(rows / scale[:, None], weight / np.outer(scale, scale), free)
-    seen = values > RANK * max(values.max(initial=0.0), 1e-300)
-    unseen = free @ vectors[:, ~seen]
-    basis = free @ vectors[:, seen] / np.sqrt(values[seen])
-    return basis / scale[:, None], (np.abs(unseen) > MIN_UNIDENTIFIABLE_SHARE).any(axis=1)
-
-
-def spectrum(rows: np.ndarray, weight: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues (q,), from the least, and eigenvectors (q, q) of T'(RR' + W)T, for rows R (p, N) and T (p, q).
-
-    Where some are so small that forming the product has lost them, they are found from factors instead.
-    """
-    values, vectors = np.linalg.eigh(turn.T @ (product(rows, rows.T) + weight) @ turn)
-    if not len(values) or values[0] > SUSPECT * values[-1]:
-        return values, vectors
-    sizes, own = np.linalg.eigh(weight)
-    factor = np.linalg.qr((own * np.sqrt(np.maximum(sizes, 0.0))).T @ turn, mode="r")
-    for first in range(0, rows.shape[1], PIECE):
-        factor = np.linalg.qr(np.vstack([factor, rows[:, first : first + PIECE].T @ turn]), mode="r")
-    _, sizes, turned = np.linalg.svd(factor)
-    return sizes[::-1] ** 2, turned[::-1].T
 
 
 def _with_unidentifiable(covariance: np.ndarray, unidentifiable: np.ndarray) -> np.ndarray:
@@ -164,56 +132,67 @@ def _with_unidentifiable(covariance: np.ndarray, unidentifiable: np.ndarray) -> 
 
 
 def _noise_covariance(
-    gains: np.ndarray, noises: NoiseModels, segments: Sequence[slice], share: float
+    space: ColumnSpace, noises: NoiseModels, segments: Sequence[slice], share: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance (p, p) of ``gains`` (p, N) times the noise, and the degrees of freedom of its diagonal (p,)."""
-    p = len(gains)
-    total, groups = np.zeros((p, p)), []
+    """Covariance (p, p) of an estimate, and the degrees of freedom of its diagonal (p,).
+
+    The error of the estimate is ``turn`` (p, q) times the basis (q, N) times the noise, and in the rows of an
+    experiment only a few columns of the basis are not zero.
+    """
+    turn, basis = space.turn, list(space.basis.blocks())
+    p, q = turn.shape
+    total, groups = np.zeros((q, q)), []
     for group in dict.fromkeys(noises.source):
         mine = [i for i, s in enumerate(noises.source) if s == group]
         model = noises.models[mine[0]]
-        v, slope = np.zeros(p), np.zeros((model.order, p))
+        own, slope = np.zeros((q, q)), np.zeros((model.order, p))
         for i in mine:
-            part, more = _quadratic(gains[:, segments[i]], model)
-            total += part
-            v += np.diag(part)
-            slope += more
+            block = basis[space.basis.experiment_of(segments[i])]
+            first = segments[i].start - block.rows.start
+            rows = block.values[first : first + segments[i].stop - segments[i].start]
+            part, changes = _quadratic(np.ascontiguousarray(rows.T), model)
+            own[np.ix_(block.columns, block.columns)] += part
+            there = turn[:, block.columns]
+            slope += np.einsum("jpa,pa->jp", there @ changes, there)
+        total += own
         known = max(noises.samples[mine[0]] * (1 - share) - 2 * model.order, 1.0)
-        groups.append((v, slope, known, noises.uncertain[mine[0]]))
+        groups.append((np.einsum("pq,pq->p", turn @ own, turn), slope, known, noises.uncertain[mine[0]]))
+    covariance = turn @ total @ turn.T
     # Squares of the variance of a parameter that is next to open overflow: it is brought near one, by powers of two.
-    unit = np.exp2(np.frexp(np.diag(total))[1])
+    unit = np.exp2(np.frexp(np.diag(covariance))[1])
     doubt = np.zeros(p)
     with np.errstate(over="ignore", invalid="ignore"):  # of variances that are infinite themselves
         for v, slope, known, uncertain in groups:
             doubt += 2 * (v / unit) ** 2 / known + np.sum(slope / unit * (uncertain @ (slope / unit)), axis=0)
-        freedom = 2 * (np.diag(total) / unit) ** 2 / np.where(doubt > 0, doubt, 1.0)
-    return total, np.where(doubt == 0, math.inf, np.fmax(freedom, LEAST_FREEDOM))
+        freedom = 2 * (np.diag(covariance) / unit) ** 2 / np.where(doubt > 0, doubt, 1.0)
+    return covariance, np.where(doubt == 0, math.inf, np.fmax(freedom, LEAST_FREEDOM))
 
 
 def _quadratic(rows: np.ndarray, model: ARModel) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance of ``rows`` (p, n) times the noise, and the slopes of its diagonal by the noise's coefficients."""
-    p, n = rows.shape
+    """Covariance (q, q) of ``rows`` (q, n) times the noise, and its derivatives by the noise's coefficients."""
+    q, n = rows.shape
     k = model.order
     if k == 0:
-        return model.variance * product(rows, rows.T), np.zeros((0, p))
+        return model.variance * product(rows, rows.T), np.zeros((0, q, q))
     size = fast_length(2 * n)
     around = np.zeros(size)
     around[:n] = model.autocovariance(n)
     around[size - n + 1 :] = around[n - 1 : 0 : -1]
     twice = np.full(size // 2 + 1, 2.0 / size)
     twice[0] = twice[-1] = 1.0 / size
-    F = np.fft.rfft(rows, size)
-    weighted = F * (np.fft.rfft(around).real * twice)
-    total = product(weighted.view(float), F.view(float).T)
-    power = (F * F.conj()).real
+    weights = np.empty((k + 1, len(twice)))  # of each frequency in the covariance, and in its derivatives
+    weights[0] = np.fft.rfft(around).real * twice
     turn = np.exp(2j * np.pi / size * np.arange(len(twice)))
     A = np.fft.rfft(np.concatenate([[1.0], -model.coefficients]), size)
     now = 2 * twice * model.variance / (A.real**2 + A.imag**2) / A
-    slopes = np.empty((k, p))
     for j in range(k):
         now *= turn.conj()
-        slopes[j] = power @ now.real
-    return total, slopes
+        weights[j + 1] = now.real
+    F, found = np.fft.rfft(rows, size), np.empty((k + 1, q, q))
+    for a in range(q):
+        found[:, a, a:] = product(weights, (F[a] * F[a:].conj()).real.T)
+        found[:, a:, a] = found[:, a, a:]
+    return found[0], found[1:]
 
 
 def correlation(covariance: np.ndarray) -> np.ndarray:

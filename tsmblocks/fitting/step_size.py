@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import moved
@@ -33,7 +34,7 @@ def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
 def shifts(
     coarse: np.ndarray,
     fine: np.ndarray,
-    J: np.ndarray,
+    J: np.ndarray | Jacobian,
     half_widths: np.ndarray,
     *,
     prior: np.ndarray | None = None,

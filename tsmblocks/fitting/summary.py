@@ -12,6 +12,7 @@ from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.identifiability import Undetermined, sizes, undetermined
 from tsmblocks.fitting.input_checks import runs_ahead, standing
+from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.fitting.residuals import Problem
@@ -41,7 +42,7 @@ class _Optimum:
 
     theta: np.ndarray
     residuals: np.ndarray
-    jacobian: np.ndarray
+    jacobian: Jacobian
     active: dict[int | str, str]
     rows: np.ndarray | None
     prior: np.ndarray | None
@@ -87,7 +88,7 @@ def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
     """What is known where the best search ended."""
     theta, unknowns = best.theta, problem.unknowns
     residuals, jacobian = problem.jacobian(theta, best.difference_steps)
-    steep = ~np.isfinite(jacobian).all(axis=0)
+    steep = ~jacobian.is_finite
     if steep.any():
         name = np.array(unknowns.names)[steep][0]
         raise RunError(
@@ -128,10 +129,10 @@ def _step_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
     return shift_note(problem.unknowns.names, off, setup.experiments[0].times.h)
 
 
-def _sizes(problem: Problem, theta: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+def _sizes(problem: Problem, theta: np.ndarray, jacobian: Jacobian) -> np.ndarray:
     """Magnitude of each unknown; of one that started at zero, what changes the outputs by their own norm."""
     low, high, start = problem.unknowns.low, problem.unknowns.high, problem.unknowns.start
-    made, sensitivity = sizes(theta, start, low, high), np.linalg.norm(jacobian, axis=0)
+    made, sensitivity = sizes(theta, start, low, high), jacobian.norms
     whole = problem.size * np.sqrt(problem.samples)
     open_ = (start == 0) & ~np.isfinite(high - low) & (sensitivity > 0) & (whole > 0)
     natural = whole / np.where(open_, sensitivity, 1.0)
