@@ -120,8 +120,8 @@ def _predicted(model: Model, template: Mapping[str, Record], settings: ModelSett
     """Recordings as the model predicts them; None where it diverges."""
     problem, _ = pose_extended(model, model.fitted_diagram, (), template, settings)
     theta, result = _initial_unknowns(model, problem.unknowns), {}
-    for e, (name, record) in enumerate(template.items()):
-        y = problem.outputs([theta], e)[:, :, 0]
+    for (name, record), sets in zip(template.items(), problem.output_sets(theta[None]), strict=True):
+        y = sets[:, :, 0]
         if not np.isfinite(y).all():
             return None
         for i, output in enumerate(settings.outputs):

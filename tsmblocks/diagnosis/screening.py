@@ -176,8 +176,7 @@ class _Screening:
     def _changes(self, sets: list[np.ndarray]) -> np.ndarray:
         """Change of the weighted outputs against the base, shape (N, sets)."""
         results, segments = np.empty((self.problem.samples, len(sets))), iter(self.problem.segments)
-        for e, experiment in enumerate(self.problem.experiments):
-            y = self.problem.outputs(sets, e)
+        for experiment, y in zip(self.problem.experiments, self.problem.output_sets(np.array(sets)), strict=True):
             for i, weight in enumerate(self.problem.weights):
                 rows = next(segments)
                 results[rows] = weight * (y[:, i] - experiment.measured[:, i, None]) - self.model.r[rows, None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import attrs
@@ -63,6 +64,18 @@ class Kernel:
         past = [np.tile(v, capacity) for v in s]
         ring = np.concatenate(past) if past else np.empty(0)
         return Memory(self.layout_x.spread(x), self.layout_d.spread(d), self.layout_p.spread(p), ring, capacity - 1)
+
+    def memories(
+        self, x: np.ndarray, d: np.ndarray, p: np.ndarray, s: np.ndarray, capacities: Sequence[int]
+    ) -> list[Memory]:
+        """As ``memory``, for many runs at once: all arrays have the shape (runs, elements, lanes)."""
+        flat_x, flat_d, flat_p = self.layout_x.spread_all(x), self.layout_d.spread_all(d), self.layout_p.spread_all(p)
+        made = []
+        for run, capacity in enumerate(capacities):
+            past = [np.tile(v if w else v[0], capacity) for v, w in zip(s[run], self.layout_s.wide, strict=True)]
+            ring = np.concatenate(past) if past else np.empty(0)
+            made.append(Memory(flat_x[run], flat_d[run], flat_p[run], ring, capacity - 1))
+        return made
 
     def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
         """Take steps, with ``memory`` changed in place and the logged rows written to ``y``.

@@ -87,6 +87,12 @@ class Layout:
         """The doubles of element k."""
         return slice(self.offset[k], self.offset[k] + (self.lanes if self.wide[k] else 1))
 
+    def spread_all(self, values: np.ndarray) -> np.ndarray:
+        """The elements of many vectors (runs, elements, lanes) in this layout, shape (runs, size)."""
+        wide = np.array(self.wide, dtype=bool)
+        stored = wide[:, None] | (np.arange(self.lanes) == 0)
+        return np.ascontiguousarray(values[:, stored], dtype=float)
+
     def spread(self, values: Elements) -> np.ndarray:
         """The elements as an array in this layout."""
         if self.size == len(values):

@@ -8,6 +8,7 @@ solution, not an approximation of the continuous one.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import attrs
@@ -69,22 +70,35 @@ def _tangent_functions(eq: Equations) -> tuple[Any, Any, Any]:
 
 
 @functools.lru_cache(maxsize=64)
-def _start_and_derivatives(eq: Equations) -> Any:
-    """Initial states and their derivatives by parameters (cached: building the function takes longer than a call)."""
+def _start_and_derivatives(eq: Equations, runs: int) -> Any:
+    """Initial states of many runs, and their derivatives by parameters (cached: building it takes long)."""
     p = eq.start.sx_in()[0]
     values = ca.vertcat(*eq.start.call([p]))
-    return ca.Function("start", [p], [ca.densify(values), ca.densify(ca.jacobian(values, p))])
+    one = ca.Function("start", [p], [ca.densify(values), ca.densify(ca.jacobian(values, p))])
+    return one.map(runs)
 
 
 def tangent_memory(eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: float) -> Memory:
     """Memory before the first step; ``seeds`` has shape (parameters, lanes)."""
-    values, derivatives = function_values(_start_and_derivatives(eq), p)
+    return tangent_memories(eq, kernel, p[None], seeds[None], [h])[0]
+
+
+def tangent_memories(
+    eq: Equations, kernel: Kernel, p: np.ndarray, seeds: np.ndarray, h: Sequence[float]
+) -> list[Memory]:
+    """As ``tangent_memory`` for many runs: ``p`` (runs, parameters), ``seeds`` (runs, parameters, lanes)."""
+    runs, lanes = len(p), kernel.plan.lanes
+    values, derivatives = function_values(_start_and_derivatives(eq, runs), p)
+    along = derivatives.reshape(runs, p.shape[1], -1).transpose(0, 2, 1) @ seeds
     ends = np.cumsum([len(eq.x), len(eq.d)])
-    x, d, s = np.split(values, ends)
-    x_tangent, d_tangent, s_tangent = np.split(derivatives.reshape(len(p), -1).T @ seeds, ends)
-    capacity = delay_capacity(check_delays(eq, p, h))
-    starts = ([*x, *x_tangent], [*d, *d_tangent], [*p, *seeds], [*s, *s_tangent])
-    return kernel.memory(*starts, capacity)
+
+    def both(part: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.broadcast_to(part[:, :, None], (*part.shape, lanes)), tangent], axis=1)
+
+    parts = zip(np.split(values.reshape(runs, -1), ends, axis=1), np.split(along, ends, axis=1), strict=True)
+    x, d, s = (both(*pair) for pair in parts)
+    capacities = [delay_capacity(check_delays(eq, one, step)) for one, step in zip(p, h, strict=True)]
+    return kernel.memories(x, d, both(p, seeds), s, capacities)
 
 
 @attrs.frozen(eq=False)

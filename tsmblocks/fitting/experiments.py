@@ -22,7 +22,7 @@ from tsmblocks.engine.session import gather_signals, single_kernel, start_memory
 from tsmblocks.model.block import Samples
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import TimeGrid
-from tsmblocks.simulation.lanes import batch_kernel, directions, lane_memory, tangent_kernel
+from tsmblocks.simulation.lanes import tangent_kernel
 
 MOST_STEPS = 10**8
 """Most steps of one run. Chosen: the inputs of more do not fit into memory."""
@@ -60,21 +60,11 @@ class Experiment:
     def outputs(self, p: np.ndarray) -> np.ndarray:
         """Simulated outputs at the instants of measurement, shape (samples, outputs)."""
         kernel = single_kernel(self.eq, self.rule, self.columns, self.backend)
-        y = self.run(kernel, start_memory(self.eq, kernel, p, self.times.h))
+        return self.output_columns(kernel, self.run(kernel, start_memory(self.eq, kernel, p, self.times.h)))
+
+    def output_columns(self, kernel: Kernel, y: np.ndarray) -> np.ndarray:
+        """Outputs (samples, outputs) from the rows of a kernel for one run."""
         return np.stack([y[:, kernel.layout_y.offset[k]] for k in range(len(self.columns))], axis=1)
-
-    def derivatives(self, p: np.ndarray, seeds: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Outputs, and their derivatives along ``seeds`` (parameters, directions).
-
-        Shapes (samples, outputs), and (samples, directions) for each output.
-        """
-        parts, lanes = list[list[np.ndarray]](), directions(seeds.shape[1])
-        for first in range(0, max(seeds.shape[1], 1), lanes):
-            part = seeds[:, first : first + lanes]
-            kernel, memory = self.tangents(p, part, lanes)
-            y, derivatives = self.split(kernel, self.run(kernel, memory), part.shape[1])
-            parts.append(derivatives)
-        return y, [np.hstack(wide) if len(wide) > 1 else wide[0] for wide in zip(*parts, strict=True)]
 
     def tangents(self, p: np.ndarray, seeds: np.ndarray, lanes: int) -> tuple[Kernel, Memory]:
         """Kernel and memory of a run with derivatives along ``seeds`` (parameters, up to ``lanes``)."""
@@ -89,23 +79,11 @@ class Experiment:
         derivatives = [np.broadcast_to(y[:, span], (len(y), lanes))[:, :width] for span in spans]
         return y[:, begin : begin + count], derivatives
 
-    def many(self, p: np.ndarray, vary: frozenset[int]) -> np.ndarray:
-        """Outputs for many parameter sets at once: ``p`` (parameters, lanes) gives (samples, outputs, lanes).
-
-        For a few runs of a model: its code is compiled quickly and runs slower.
-        """
-        kernel, memory = self.lanes(p, vary, quick=True)
-        y = self.run(kernel, memory)
-        wide = [y[:, kernel.layout_y.span(i)] for i in range(len(self.columns))]
-        return np.stack([np.broadcast_to(v, (len(y), p.shape[1])) for v in wide], axis=1)
-
-    def lanes(self, p: np.ndarray, vary: frozenset[int], *, quick: bool = False) -> tuple[Kernel, Memory]:
-        """Kernel and memory of a run of many parameter sets ``p`` (parameters, lanes), places ``vary`` differing.
-
-        ``quick`` as for ``kernel_for``.
-        """
-        kernel = batch_kernel(self.eq, self.rule, self.columns, p.shape[1], vary, self.backend, quick)
-        return kernel, lane_memory(self.eq, kernel, p, self.times.h)
+    def output_lanes(self, kernel: Kernel, y: np.ndarray) -> np.ndarray:
+        """Outputs (samples, outputs, lanes) from the rows of a kernel with lanes."""
+        shape = (len(y), kernel.plan.lanes)
+        wide = [np.broadcast_to(y[:, kernel.layout_y.span(i)], shape) for i in range(len(self.columns))]
+        return np.stack(wide, axis=1)
 
     def squares(self, kernel: Kernel, memory: Memory, weights: np.ndarray) -> np.ndarray:
         """Sum of squared weighted residuals for each parameter set of ``lanes``, shape (lanes,).

@@ -12,7 +12,8 @@ from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.multistart import Box, Range, hypercube
 from tsmblocks.fitting.optimizer import CONSTRAINT_TOLERANCE, OptimizerResult, ProgressCallback, no_progress
-from tsmblocks.fitting.residuals import LANES, Problem
+from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.runs import LANES
 
 MUTATION, CROSSOVER = (0.3, 0.8), 0.2
 """Differential weight, drawn anew for each generation, and crossover probability (no unit).

@@ -122,14 +122,31 @@ class Unknowns:
             p[list(self.tied)] = np.asarray(self.tie(p)[0]).ravel()
         return p
 
-    def sets(self, thetas: np.ndarray, e: int) -> np.ndarray:
-        """Parameters of experiment ``e`` for ``thetas`` (sets, unknowns), shape (parameters, sets)."""
+    def sets(self, thetas: np.ndarray) -> np.ndarray:
+        """Parameters of all experiments for ``thetas`` (sets, unknowns), shape (experiments, parameters, sets)."""
+        every = range(len(self.experiments))
         if self.tie is not None:
-            return np.stack([self.parameters(theta, e) for theta in thetas], axis=1)
-        columns, places = self._maps[e]
-        p = np.repeat(self.base[:, None], len(thetas), axis=1)
-        p[places] = thetas[:, columns].T
+            return np.array([np.stack([self.parameters(theta, e) for theta in thetas], axis=1) for e in every])
+        p = np.empty((len(every), len(self.base), len(thetas)))
+        p[:] = self.base[:, None]
+        experiment, columns, places = self._places
+        p[experiment, places] = thetas[:, columns].T
         return p
+
+    @functools.cached_property
+    def _places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """For each number that an unknown sets: its experiment, the unknown, and its place in ``p``."""
+        columns, places = zip(*self._maps, strict=True)
+        experiment = np.repeat(np.arange(len(columns)), [len(own) for own in columns])
+        return experiment, np.concatenate(columns), np.concatenate(places)
+
+    def jacobians(self, p: np.ndarray) -> np.ndarray:
+        """``jacobian`` of all experiments, for ``p`` (experiments, parameters)."""
+        return self._seeds if self.tie is None else np.array([self.jacobian(one, e) for e, one in enumerate(p)])
+
+    @functools.cached_property
+    def _seeds(self) -> np.ndarray:
+        return np.array([self.jacobian(self.base, e) for e in range(len(self.experiments))])
 
     def jacobian(self, p: np.ndarray, e: int) -> np.ndarray:
         """Derivatives of ``p`` with respect to the unknowns of ``columns(e)``, shape (parameters, columns)."""

@@ -8,20 +8,19 @@ from __future__ import annotations
 import functools
 import itertools
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import attrs
 import numpy as np
 
 from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.fitting import runs
 from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import products, square
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.parameters import Constraints, Unknowns
 
-LANES = 32
-"""Parameter sets side by side in one run; a population is a multiple of it. Chosen, as ``MOST_DIRECTIONS``."""
 ROUNDING = 1e-12
 """Rounding of simulated outputs relative to the measured signals. Chosen."""
 
@@ -88,8 +87,7 @@ class Problem:
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Weighted differences, simulation less measurement, shape (samples,)."""
-        outputs = [e.outputs(self.unknowns.parameters(theta, k)) for k, e in enumerate(self.experiments)]
-        pairs = zip(outputs, self.experiments, strict=True)
+        pairs = zip(runs.outputs(self.experiments, self._parameters(theta)), self.experiments, strict=True)
         return np.concatenate([((y - e.measured) * self.weights).ravel(order="F") for y, e in pairs])
 
     def jacobian(self, theta: np.ndarray, steps: np.ndarray | None = None) -> tuple[np.ndarray, Jacobian]:
@@ -110,35 +108,46 @@ class Problem:
         self, theta: np.ndarray, steps: np.ndarray | None
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """For each experiment and output: columns of its unknowns, weighted residuals, their derivatives."""
-        for e, experiment in enumerate(self.experiments):
-            p, columns = self.unknowns.parameters(theta, e), self.unknowns.columns(e)
-            if steps is None:
-                y, exact = experiment.derivatives(p, self.unknowns.jacobian(p, e))
-                derivatives = [J if w == 1 else w * J for J, w in zip(exact, self.weights, strict=True)]
-            else:
-                y, derivatives = experiment.outputs(p), self._finite_differences(theta, steps, e)
+        p = self._parameters(theta)
+        pairs: Iterable[tuple[np.ndarray, list[np.ndarray]]]
+        if steps is None:
+            pairs = runs.derivatives(self.experiments, p, self.unknowns.jacobians(p))
+        else:
+            pairs = zip(runs.outputs(self.experiments, p), self._finite_differences(theta, steps), strict=True)
+        for e, (y, derivatives) in enumerate(pairs):
+            measured, columns = self.experiments[e].measured, self.unknowns.columns(e)
             for i, weight in enumerate(self.weights):
-                yield columns, weight * (y[:, i] - experiment.measured[:, i]), derivatives[i]
+                J = derivatives[i] if weight == 1 else weight * derivatives[i]
+                yield columns, weight * (y[:, i] - measured[:, i]), J
 
-    def _finite_differences(self, theta: np.ndarray, steps: np.ndarray, e: int) -> list[np.ndarray]:
-        """Weighted central differences in bounds of each output of an experiment, side by side in lanes."""
-        low = np.maximum(theta - steps, self.unknowns.low)
-        high = np.minimum(theta + steps, self.unknowns.high)
-        columns, place = self.unknowns.columns(e), np.arange(len(theta))
-        y = self.outputs([np.where(place == k, end, theta) for k in columns for end in (low, high)], e)
-        rise = y[:, :, 1::2] - y[:, :, ::2]
-        return [weight * rise[:, i] / (high - low)[columns] for i, weight in enumerate(self.weights)]
+    def _parameters(self, theta: np.ndarray) -> np.ndarray:
+        """Parameters of each experiment, shape (experiments, parameters)."""
+        return self.unknowns.sets(theta[None])[:, :, 0]
 
-    def outputs(self, sets: list[np.ndarray], e: int) -> np.ndarray:
-        """Outputs of an experiment for several sets, shape (samples, outputs, sets)."""
-        p = np.stack([self.unknowns.parameters(theta, e) for theta in sets], axis=1)
-        vary, parts = frozenset(self.unknowns.changed(e)), []
-        for k in range(0, len(sets), LANES):
-            part = p[:, k : k + LANES]
-            lanes = lanes_for(part.shape[1])
-            padded = np.pad(part, ((0, 0), (0, lanes - part.shape[1])), mode="edge")
-            parts.append(self.experiments[e].many(padded, vary)[:, :, : part.shape[1]])
-        return np.concatenate(parts, axis=2)
+    def _finite_differences(self, theta: np.ndarray, steps: np.ndarray) -> Iterator[list[np.ndarray]]:
+        """Central differences in bounds of each output, by the unknowns of each experiment, side by side in lanes.
+
+        An unknown of one experiment moves in the same run as that of every other one.
+        """
+        unknowns = self.unknowns
+        low, high = np.maximum(theta - steps, unknowns.low), np.minimum(theta + steps, unknowns.high)
+        every = [unknowns.columns(e) for e in range(len(self.experiments))]
+        sets = np.repeat(theta[None], 2 * len(every[0]), axis=0)
+        for columns in every:
+            for side, end in enumerate((low, high)):
+                sets[2 * np.arange(len(columns)) + side, columns] = end[columns]
+        for columns, y in zip(every, self.output_sets(sets), strict=True):
+            rise = y[:, :, 1::2] - y[:, :, ::2]
+            yield [rise[:, i] / (high - low)[columns] for i in range(len(self.weights))]
+
+    def output_sets(self, thetas: np.ndarray) -> Iterator[np.ndarray]:
+        """Outputs (samples, outputs, sets) of each experiment for ``thetas`` (sets, unknowns)."""
+        return runs.output_sets(self.experiments, self.unknowns.sets(thetas), self._vary)
+
+    @property
+    def _vary(self) -> frozenset[int]:
+        """Places of the parameters that differ from one set to another."""
+        return frozenset(self.unknowns.changed(0))
 
     def cost(self, theta: np.ndarray) -> float:
         """Half the sum of squares, priors included; infinite where the simulation is not finite."""
@@ -164,13 +173,12 @@ class Problem:
     def costs(self, thetas: np.ndarray) -> np.ndarray:
         """Cost of many sets at once, shape (sets,), run side by side in lanes and threads."""
         count = len(thetas)
-        lanes = lanes_for(count)
+        lanes = runs.lanes_for(count)
         groups = [thetas[np.minimum(np.arange(a, a + lanes), count - 1)] for a in range(0, count, lanes)]
-        jobs = [
-            (experiment, *experiment.lanes(self.unknowns.sets(group, e), frozenset(self.unknowns.changed(e))))
-            for group in groups
-            for e, experiment in enumerate(self.experiments)
-        ]
+        jobs = []
+        for group in groups:
+            kernel, memories = runs.lane_runs(self.experiments, self.unknowns.sets(group), self._vary)
+            jobs += [(one, kernel, memory) for one, memory in zip(self.experiments, memories, strict=True)]
 
         def squares(job: tuple[Experiment, Kernel, Memory]) -> np.ndarray:
             return job[0].squares(job[1], job[2], self.weights)
@@ -213,8 +221,3 @@ class Problem:
 def _threads(process: int) -> ThreadPoolExecutor:  # noqa: ARG001 - the key of the cache
     """Threads kept between calls, for one process: a fork does not inherit the threads of its parent."""
     return ThreadPoolExecutor(os.cpu_count() or 1)
-
-
-def lanes_for(count: int) -> int:
-    """Lanes for so many parameter sets; beyond ``LANES`` they take several runs."""
-    return next((few for few in (8, 16) if count <= few), LANES)

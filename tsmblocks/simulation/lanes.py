@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,18 +43,27 @@ def tangent_kernel(eq: Equations, method: Method, y: tuple[int, ...], lanes: int
 
 
 @functools.lru_cache(maxsize=64)
-def _start_function(eq: Equations, lanes: int) -> Any:
+def _start_function(eq: Equations, sets: int) -> Any:
     """Initial states of many sets at once (cached: making the function takes longer than a call)."""
-    return eq.start.map(lanes)
+    return eq.start.map(sets)
 
 
 def lane_memory(eq: Equations, kernel: Kernel, p: np.ndarray, h: float) -> Memory:
     """Memory before the first step, one parameter set per lane; ``p`` has shape (parameters, lanes)."""
-    lanes = kernel.plan.lanes
-    x, d, s = (v.reshape(lanes, -1).T for v in function_values(_start_function(eq, lanes), p.T))
-    capacity = delay_capacity(np.concatenate([check_delays(eq, p[:, k], h) for k in range(lanes)]))
-    flat: Any = [row if wide else row[0] for row, wide in zip(p, kernel.layout_p.wide, strict=True)]
-    return kernel.memory(x, d, flat, s, capacity)  # type: ignore[arg-type]
+    return lane_memories(eq, kernel, p[None], [h])[0]
+
+
+def lane_memories(eq: Equations, kernel: Kernel, p: np.ndarray, h: Sequence[float]) -> list[Memory]:
+    """As ``lane_memory`` for many runs: ``p`` has shape (runs, parameters, lanes)."""
+    runs, _, lanes = p.shape
+    sets = p.transpose(0, 2, 1)
+    starts = function_values(_start_function(eq, runs * lanes), sets)
+    x, d, s = (v.reshape(runs, lanes, -1).transpose(0, 2, 1) for v in starts)
+    capacities = [
+        delay_capacity(np.concatenate([check_delays(eq, one, step) for one in run]))
+        for run, step in zip(sets, h, strict=True)
+    ]
+    return kernel.memories(x, d, p, s, capacities)
 
 
 def whole_run(
