@@ -1,6 +1,6 @@
 """All experiments of a fit simulated one after the other, with the memory of their runs made at once.
 
-A recording cut into pieces makes a hundred short experiments: to prepare each by itself takes longer than to run it.
+A recording cut into pieces makes a hundred short experiments: preparing each of them alone takes longer than its run.
 """
 
 from __future__ import annotations
