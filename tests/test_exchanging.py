@@ -64,6 +64,8 @@ def searching(monkeypatch):
             monkeypatch.setattr(module, "search_round", table.search_round)
         for name in ("converged", "refine_memories"):
             monkeypatch.setattr(forward_selection, name, lambda model: model)
+        monkeypatch.setattr(forward_selection, "with_sufficient_step", lambda model, settings: model)
+        monkeypatch.setattr(forward_selection, "better_base", lambda *_: None)
         monkeypatch.setattr(forward_selection, "shrinkage_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
         whole = SearchContext({}, None, table.effects, ONE, 1.0, lambda *_: None)
         greedy = []

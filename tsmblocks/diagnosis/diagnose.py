@@ -36,7 +36,7 @@ from tsmblocks.diagnosis.partition import (
     total_delay,
     within_windows,
 )
-from tsmblocks.diagnosis.refinement import with_fine_step
+from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.summary import DiagnosedPart
 from tsmblocks.fitting.input_checks import standing
@@ -201,7 +201,7 @@ def _diagnosed(
         return DiagnosedPart(part, search, floors, rounds, count, rounds[count].base), True
     count = accepted_count(rounds, search)
     final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
-    notes += [f"{part.name}: {text}" for text in more_notes]
+    notes += [f"{part.name}: {text}" for text in [*limit_notes(final), *more_notes]]
     return DiagnosedPart(part, search, floors, rounds, count, final), False
 
 

@@ -8,6 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
+from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidates import candidates, wire_signals
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import (
@@ -24,7 +25,7 @@ from tsmblocks.diagnosis.decision import (
 )
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.insertion_points import insertion_points
-from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, converged, optimized
+from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, converged, optimized, with_sufficient_step
 from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, ScreeningScore, screening_score
 from tsmblocks.effects import Effect
 from tsmblocks.fitting.column_space import column_space
@@ -53,6 +54,10 @@ Calibrated on tests/benchmarks/hidden.py."""
 MIN_SHARE_OF_REMOVED = 0.15
 """Share of all that was removed below which a further effect is taken for an error of form of the effects before.
 Chosen: catalogue blocks and real effects differ in form by about as much."""
+
+
+MAX_BETTER_BASES = 2
+"""Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 
 
 @attrs.frozen(eq=False)
@@ -147,6 +152,7 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
 
     ``shrinkage`` is that of the effects in the model already.
     """
+    bases = 0
     while len(rounds) <= MAX_EFFECTS:
         try:
             one = search_round(model, shrinkage, search)
@@ -154,15 +160,21 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
             if rounds:
                 rounds.append(SearchRound(model, *held_out_losses(model, search.blocks, shrinkage), (), Verdict()))
             raise
+        if one.verdict.named is not None and bases < MAX_BETTER_BASES:
+            better = better_base(model, one.verdict.named, search.noise_variance)
+            if better is not None:  # the round again: the effect may have stood in for a poor optimum
+                model, bases = better, bases + 1
+                continue
         rounds.append(one)
         if one.verdict.named is None:
             break
-        model, shrinkage = next_base(one.verdict.named, shrinkage)
+        model, shrinkage = next_base(one.verdict.named, shrinkage, search.settings)
 
 
-def next_base(named: FittedCandidate, shrinkage: Shrinkage) -> tuple[Model, Shrinkage]:
+def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:
     """The base of the next round, and the shrinkage of the effects in it."""
-    return refine_memories(converged(named.model)), {**shrinkage, **shrinkage_of(named.candidate)}
+    model = with_sufficient_step(converged(named.model), settings)
+    return refine_memories(model), {**shrinkage, **shrinkage_of(named.candidate)}
 
 
 def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
@@ -255,5 +267,5 @@ def _rounds_for(
         if found.verdict.named is None:
             continue
         made.append(attrs.evolve(found, single_effect=True))
-        model, shrinkage = next_base(found.verdict.named, shrinkage)
+        model, shrinkage = next_base(found.verdict.named, shrinkage, search.settings)
     return made, model, shrinkage

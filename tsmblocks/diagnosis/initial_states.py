@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.model import COARSE_TOLERANCE, FINE_TOLERANCE, Model, optimized
+from tsmblocks.fitting.memories import placed
 
 COST_TOLERANCE = 1e-4
 """Relative difference of two sums of squares up to which they are equal. Chosen: far below any standard error."""
@@ -76,8 +77,13 @@ def _improved(model: Model) -> Model | None:
 
 
 def _starts(model: Model) -> Iterator[np.ndarray]:
-    """Starting points (n,): the idle ones at their first values, at either edge of their range, and in its middle."""
+    """Starting points (n,): memories where the recordings begin, if that lowers the loss; the idle ones at their first
+    values, at either edge of their range, and in its middle.
+    """
     idle, unknowns = _idle(model), model.problem.unknowns
+    at_recordings = placed(model.problem, model.theta)
+    if not np.array_equal(at_recordings, model.theta):
+        yield at_recordings
     if not idle.any():
         return
     yield np.where(idle, unknowns.start, model.theta)

@@ -19,6 +19,7 @@ from tsmblocks.fitting.noise import Floor
 from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, no_progress, within_bounds
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup, pose
+from tsmblocks.fitting.step_size import following
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
@@ -132,7 +133,17 @@ def calibrate(
     search = functools.partial(gauss_newton, problem, iterations=MAX_ITERATIONS, progress=progress)
     starts = starting_points(problem, setup, feasible, STARTING_POINTS, settings.seed)
     best = min((search(one, tolerance=COARSE_TOLERANCE) for one in starts), key=lambda end: end.cost)
-    return model_at(problem, setup, search(best.theta, tolerance=FINE_TOLERANCE))
+    return with_sufficient_step(model_at(problem, setup, search(best.theta, tolerance=FINE_TOLERANCE)), settings)
+
+
+def with_sufficient_step(model: Model, settings: ModelSettings) -> Model:
+    """The model, optimised on at finer steps while the step limits its parameters; one that was given stays."""
+    if settings.step is not None:
+        return model
+    search = functools.partial(gauss_newton, iterations=MAX_ITERATIONS, tolerance=FINE_TOLERANCE)
+    end = OptimizerResult(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
+    problem, setup, found = following(model.problem, model.setup, end, search)
+    return model if problem is model.problem else model_at(problem, setup, found)
 
 
 def pose_model(

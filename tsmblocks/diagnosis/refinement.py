@@ -10,7 +10,7 @@ from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setup import FINEST
 from tsmblocks.fitting.statistics import intervals, uncertainty
-from tsmblocks.fitting.step_size import COVERED, halved, shift_note, shifts
+from tsmblocks.fitting.step_size import COVERED, halved, limit_note, shift_note, shifts
 from tsmblocks.fitting.summary import summarise
 
 
@@ -39,6 +39,16 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
             )
             return model, [refitted] * (step != first) + shift_note(model.problem.unknowns.names, off, step)
         model = optimized(problem, setup, model.theta, FINE_TOLERANCE)
+
+
+def limit_notes(model: Model) -> list[str]:
+    """What the parameters common to all experiments were kept from: bounds, and the limit of the step."""
+    items, low = model.problem.unknowns.items, model.theta - model.problem.unknowns.low
+    high, notes = model.problem.unknowns.high - model.theta, limit_note(model.problem, model.theta)
+    for k in np.flatnonzero(model.at_bound & ~model.is_local):
+        side, bound = ("lower", items[k].low) if low[k] <= high[k] else ("upper", items[k].high)
+        notes.append(f"{items[k].name} ended at its {side} bound ({bound:.4g} {items[k].unit}".rstrip() + ").")
+    return notes
 
 
 def as_fit(model: Model) -> Fit | None:

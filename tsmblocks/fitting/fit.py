@@ -14,6 +14,7 @@ from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.fitting.divergence import raise_cause
+from tsmblocks.fitting.memories import placed, refined
 from tsmblocks.fitting.multistart import Range, search_range, spread
 from tsmblocks.fitting.optimizer import (
     CONSTRAINT_TOLERANCE,
@@ -26,6 +27,7 @@ from tsmblocks.fitting.recordings import Data
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setup import Setup, pose
+from tsmblocks.fitting.step_size import following
 from tsmblocks.fitting.summary import summarise
 from tsmblocks.model.diagram import Diagram
 
@@ -195,6 +197,9 @@ def fit(
                 problem = attrs.evolve(problem, noise=_prior_noise(problem, found))
             begins = [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed)
             found = _search(problem, begins, method, _method(method, seed, segments), {**limit, "progress": report_rms})
+            if step is None and segments == 1 and method != "ga":
+                again = functools.partial(_method(method, seed, segments), **{**limit, "progress": report_rms})
+                problem, setup, found[0] = following(problem, setup, found[0], again)
             begin = found[0].theta
             if interrupt.stop or any(f.status == "interrupted" for f in found):
                 found[0] = attrs.evolve(found[0], status="interrupted")
@@ -229,7 +234,10 @@ def _search(
             ends.append(OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1))
         if ends[-1].status == "interrupted":
             return _ranked(problem, ends)
-    return _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
+    ends = _ranked(problem, ends)
+    if method != "ga":
+        ends[0] = refined(problem, ends[0], lambda start: optimizer(problem, start, **options))
+    return _ranked(problem, search_discontinuous(problem, ends, **options))
 
 
 def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:
@@ -268,6 +276,7 @@ def starting_points(problem: Problem, setup: Setup, begin: np.ndarray, starts: i
         tried = _scattered(problem, seed, min(max(RANDOM_SETS, 2 * starts), MAX_RANDOM_SETS))
         costs = problem.costs(tried)
         begins += [tried[k] for k in _mixed(costs)[: starts - len(begins)]]
+    begins = [placed(problem, one) for one in begins]
     if not begins:
         for e, experiment in enumerate(problem.experiments):
             p = problem.unknowns.parameters(begin, e)

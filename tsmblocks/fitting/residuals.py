@@ -151,9 +151,8 @@ class Problem:
 
     def cost(self, theta: np.ndarray) -> float:
         """Half the sum of squares, priors included; infinite where the simulation is not finite."""
-        r = self.residuals(theta)
         with np.errstate(over="ignore", invalid="ignore"):
-            total = 0.5 * square(r) + self.prior_cost(theta)
+            total = 0.5 * square(self.residuals(theta)) + self.prior_cost(theta)
         return total if np.isfinite(total) else np.inf
 
     def normal(self, theta: np.ndarray, steps: np.ndarray | None = None) -> tuple[float, np.ndarray, np.ndarray]:

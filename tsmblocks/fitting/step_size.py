@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import attrs
 import numpy as np
 
+from tsmblocks.common.errors import RunError
 from tsmblocks.fitting.jacobian import Jacobian
+from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import moved
+from tsmblocks.simulation.stability import RunStart, fastest_growing_pole
 
 COVERED = 0.5
 """Change of a number by halving the step, in half widths of its interval, that the interval does not cover any more.
 
 At a kink the error falls in proportion to the step, so the remaining error is as large again.
 """
+STEP_MARGIN = 1.5
+"""Ratio of steps within which the fastest pole is at the limit of stability. Chosen: nearer to it, a lag is simulated
+so wrongly that a search ends somewhat below it."""
+MOST_HALVINGS = 3
+"""Times that a step is halved to follow the parameters, at most. Chosen: for the run time."""
 FAR = 100.0
 """Such a change above which no figure is reported, only that it is larger. Chosen."""
 
@@ -29,6 +37,53 @@ def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
         for e, (experiment, half) in enumerate(zip(setup.experiments, finer, strict=True))
     )
     return attrs.evolve(problem, experiments=fine), attrs.evolve(setup, experiments=fine, finer=())
+
+
+def state_at_limit(problem: Problem, theta: np.ndarray) -> str:
+    """The state whose pole is as fast as the step allows, ``""`` where there is none.
+
+    A search cannot go further there: at a faster pole the simulation is unstable. What stands there follows from the
+    step and not from the data.
+    """
+    for e, experiment in enumerate(problem.experiments):
+        run = RunStart(experiment.eq, problem.unknowns.parameters(theta, e), experiment.times.start)
+        found = fastest_growing_pole(run, experiment.rule, STEP_MARGIN * experiment.times.h)
+        if found is not None:
+            return found[1]
+    return ""
+
+
+def following(
+    problem: Problem, setup: Setup, end: OptimizerResult, search: Callable[[Problem, np.ndarray], OptimizerResult]
+) -> tuple[Problem, Setup, OptimizerResult]:
+    """The end of a search whose step follows the parameters: halved, and searched on, while the step limits them.
+
+    Where they follow every step to its limit, no step is fine enough, and the first one stays.
+    """
+    first = problem, setup, end
+    for _ in range(MOST_HALVINGS):
+        if end.status == "interrupted" or not state_at_limit(problem, end.theta):
+            return problem, setup, end
+        try:
+            problem, setup = halved(problem, setup)
+        except RunError:  # more steps than fit into memory
+            return first
+        if not np.isfinite(problem.cost(end.theta)):
+            return first
+        end = search(problem, end.theta)
+    return first if state_at_limit(problem, end.theta) else (problem, setup, end)
+
+
+def limit_note(problem: Problem, theta: np.ndarray) -> list[str]:
+    """A warning where the step limits what a search can find."""
+    state = state_at_limit(problem, theta)
+    if not state:
+        return []
+    step = problem.experiments[0].times.h
+    return [
+        f"{state} is as fast as the step of {step:.3g} s can simulate: its parameters follow from the step and not "
+        "from the data; give a smaller step, or fix them."
+    ]
 
 
 def shifts(

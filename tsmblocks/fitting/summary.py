@@ -20,7 +20,7 @@ from tsmblocks.fitting.result import Estimate, Fit
 from tsmblocks.fitting.score import Differences, simulated_differences
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import Uncertainty, intervals, uncertainty
-from tsmblocks.fitting.step_size import halved, shift_note, shifts
+from tsmblocks.fitting.step_size import halved, limit_note, shift_note, shifts
 from tsmblocks.model.diagram import Diagram
 
 TOUCHING = 1e-7
@@ -77,6 +77,7 @@ def summarise(problem: Problem, setup: Setup, method: str, searches: list[Optimi
         records={experiment.name: experiment.record for experiment in setup.experiments},
         notes=(
             *setup.notes,
+            *limit_note(problem, optimum.theta),
             *_step_notes(problem, setup, optimum),
             *_data_notes(setup, differences),
             *_known_parameter_notes(setup, [item.parameter for item in unknowns.items]),

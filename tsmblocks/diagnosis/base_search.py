@@ -1,0 +1,27 @@
+"""Whether the base alone does what an effect was named for: a search of the base from the named model's parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate
+from tsmblocks.diagnosis.initial_states import refine_memories
+from tsmblocks.diagnosis.model import Model, converged, optimized
+
+
+def better_base(base: Model, named: FittedCandidate, noise_variance: float) -> Model | None:
+    """The base where a search from the parameters beside a named effect leaves materially less; else None.
+
+    The search of the base may have ended in another minimum, at a bound or at the limit of its step. What an effect
+    explains is then counted from the better base.
+    """
+    beside = named.model.values
+    names = base.problem.unknowns.names
+    start = np.array([beside.get(name, value) for name, value in zip(names, base.theta, strict=True)])
+    if np.array_equal(start, base.theta) or not np.isfinite(base.problem.cost(start)):
+        return None
+    found = optimized(base.problem, base.setup, start, coarse=False)
+    material = MIN_VARIANCE_REDUCTION * noise_variance
+    if found.mean_square > base.mean_square - material:
+        return None
+    return refine_memories(converged(found))
