@@ -62,7 +62,7 @@ def searching(monkeypatch):
         table = Table(left, contains or {}, beyond or {})
         for module in (forward_selection,):
             monkeypatch.setattr(module, "search_round", table.search_round)
-        for name in ("converged", "refine_memories"):
+        for name in ("converged", "refine_memories", "nearest"):
             monkeypatch.setattr(forward_selection, name, lambda model: model)
         monkeypatch.setattr(forward_selection, "with_sufficient_step", lambda model, settings: model)
         monkeypatch.setattr(forward_selection, "better_base", lambda *_: None)

@@ -6,7 +6,7 @@ import numpy as np
 
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
-from tsmblocks.diagnosis.model import Model, converged, optimized
+from tsmblocks.diagnosis.model import Model, converged, nearest, optimized
 
 
 def better_base(base: Model, named: FittedCandidate, noise_variance: float) -> Model | None:
@@ -24,4 +24,4 @@ def better_base(base: Model, named: FittedCandidate, noise_variance: float) -> M
     material = MIN_VARIANCE_REDUCTION * noise_variance
     if found.mean_square > base.mean_square - material:
         return None
-    return refine_memories(converged(found))
+    return nearest(refine_memories(converged(found)))

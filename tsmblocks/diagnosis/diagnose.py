@@ -26,7 +26,7 @@ from tsmblocks.diagnosis.forward_selection import (
     forward_search,
 )
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
-from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate
+from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
 from tsmblocks.diagnosis.noise_floor import lowered_noise_floors, noise_floors, propagated_input_noise
 from tsmblocks.diagnosis.partition import (
     Part,
@@ -221,4 +221,4 @@ def _calibrated(
     """The base: the part with its own parameters fitted, and the initial states of its memories."""
     progress("calibrated", 0, 1)
     model = calibrate(part.diagram, records, settings, lambda *_: progress("calibrated", 0, 1))
-    return reset_idle_memories(refine_memories(model))
+    return nearest(reset_idle_memories(refine_memories(model)))

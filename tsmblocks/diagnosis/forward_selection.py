@@ -25,7 +25,15 @@ from tsmblocks.diagnosis.decision import (
 )
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.insertion_points import insertion_points
-from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, converged, optimized, with_sufficient_step
+from tsmblocks.diagnosis.model import (
+    Model,
+    ModelSettings,
+    ProgressCallback,
+    converged,
+    nearest,
+    optimized,
+    with_sufficient_step,
+)
 from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, ScreeningScore, screening_score
 from tsmblocks.effects import Effect
 from tsmblocks.fitting.column_space import column_space
@@ -174,7 +182,7 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
 def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:
     """The base of the next round, and the shrinkage of the effects in it."""
     model = with_sufficient_step(converged(named.model), settings)
-    return refine_memories(model), {**shrinkage, **shrinkage_of(named.candidate)}
+    return nearest(refine_memories(model)), {**shrinkage, **shrinkage_of(named.candidate)}
 
 
 def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:

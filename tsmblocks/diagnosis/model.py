@@ -15,6 +15,8 @@ from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import starting_points
 from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.jacobian import Jacobian
+from tsmblocks.fitting.memories import refined
+from tsmblocks.fitting.nearest import nearest_of
 from tsmblocks.fitting.noise import Floor
 from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, no_progress, within_bounds
 from tsmblocks.fitting.residuals import Problem
@@ -34,6 +36,9 @@ COARSE_TOLERANCE = 0.3
 thousandth of what decides between candidates."""
 FINE_TOLERANCE = 1e-3
 """The same for models that further ones are built on, and that are reported. Chosen."""
+
+SAME_OPTIMUM = 1.0
+"""Difference of costs [noise variances] of two coarse searches that may be of one optimum. Chosen: as in fits."""
 
 ProgressCallback = Callable[[str, int, int], None]
 """Called with the stage, what is done of it, and of how many."""
@@ -131,8 +136,10 @@ def calibrate(
     problem, setup = pose_model(diagram, records, settings, settings.free)
     feasible = feasible_start(problem, problem.unknowns.start)
     search = functools.partial(gauss_newton, problem, iterations=MAX_ITERATIONS, progress=progress)
+    coarse = functools.partial(search, tolerance=COARSE_TOLERANCE)
     starts = starting_points(problem, setup, feasible, STARTING_POINTS, settings.seed)
-    best = min((search(one, tolerance=COARSE_TOLERANCE) for one in starts), key=lambda end: end.cost)
+    ends = sorted((refined(problem, coarse(one), coarse) for one in starts), key=lambda end: end.cost)
+    best = nearest_of(problem, setup, ends, SAME_OPTIMUM)[0]
     return with_sufficient_step(model_at(problem, setup, search(best.theta, tolerance=FINE_TOLERANCE)), settings)
 
 
@@ -141,9 +148,19 @@ def with_sufficient_step(model: Model, settings: ModelSettings) -> Model:
     if settings.step is not None:
         return model
     search = functools.partial(gauss_newton, iterations=MAX_ITERATIONS, tolerance=FINE_TOLERANCE)
-    end = OptimizerResult(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
-    problem, setup, found = following(model.problem, model.setup, end, search)
+    problem, setup, found = following(model.problem, model.setup, _end(model), search)
     return model if problem is model.problem else model_at(problem, setup, found)
+
+
+def nearest(model: Model) -> Model:
+    """The model with the parameters nearest to where its search began, of all that leave the same residuals."""
+    (found,) = nearest_of(model.problem, model.setup, [_end(model)])
+    return model if found.theta is model.theta else model_at(model.problem, model.setup, found)
+
+
+def _end(model: Model) -> OptimizerResult:
+    """The model as the end of a search."""
+    return OptimizerResult(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
 
 
 def pose_model(

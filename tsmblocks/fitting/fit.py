@@ -16,6 +16,7 @@ from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.memories import placed, refined
 from tsmblocks.fitting.multistart import Range, search_range, spread
+from tsmblocks.fitting.nearest import nearest_of
 from tsmblocks.fitting.optimizer import (
     CONSTRAINT_TOLERANCE,
     OptimizerResult,
@@ -204,6 +205,7 @@ def fit(
             if interrupt.stop or any(f.status == "interrupted" for f in found):
                 found[0] = attrs.evolve(found[0], status="interrupted")
                 break
+        found = nearest_of(problem, setup, found)
     return summarise(problem, setup, method, found)
 
 
@@ -234,10 +236,9 @@ def _search(
             ends.append(OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1))
         if ends[-1].status == "interrupted":
             return _ranked(problem, ends)
-    ends = _ranked(problem, ends)
     if method != "ga":
-        ends[0] = refined(problem, ends[0], lambda start: optimizer(problem, start, **options))
-    return _ranked(problem, search_discontinuous(problem, ends, **options))
+        ends = [refined(problem, end, lambda start: optimizer(problem, start, **options)) for end in ends]
+    return _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
 
 
 def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:

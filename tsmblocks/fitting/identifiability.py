@@ -72,12 +72,14 @@ def undetermined(
     held: np.ndarray | None = None,
     low: np.ndarray | None = None,
     high: np.ndarray | None = None,
+    nearest: bool = False,
 ) -> tuple[Undetermined, ...]:
     """Name what is not identifiable from the data, the plainest first.
 
     ``J`` (N, p), ``r`` (N,), ``prior`` and ``held`` are those of the ``uncertainty`` that is ``known``.
     ``scales`` (p,) are the changes that count as all of a parameter (``sizes``; by default what was found,
-    one for zero); ``low`` and ``high`` (p,) are bounds.
+    one for zero); ``low`` and ``high`` (p,) are bounds. ``nearest`` says that along combinations without any effect
+    the values nearest to the diagram's own were taken.
 
     Moving along a direction by all of its parameters' size must change the residuals by more than their autocorrelated
     noise can: otherwise the direction is named. For the data as a whole, that is when its confidence interval is wider
@@ -90,12 +92,9 @@ def undetermined(
     size = np.sqrt(moved.norms**2 + np.diag(weight))
     wording = _Wording(tuple(names), moved, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
     held = np.empty((0, len(theta))) if held is None else np.asarray(held, dtype=float).reshape(-1, len(theta)) * scales
-    loose = np.abs(np.linalg.norm(_free(held), axis=1) - 1) < 1e-6  # held back by nothing else
-    silent = loose & (size <= SILENT * size.max(initial=0.0))
+    silent, weak = _without_effect(moved, weight, size, held)
     found = [wording.without_influence(int(i)) for i in np.flatnonzero(silent)]
-    space = column_space(moved, RANK, weight, np.vstack([held, np.eye(len(theta))[silent]]))
-    weak = _sparse(space.unseen / space.scale[:, None])  # no effect but rounding
-    found += [wording.combination(v, "only matter through a combination") for v in weak]
+    found += [wording.combination(v, "only matter through a combination", nearest=nearest) for v in weak]
     half = intervals(np.zeros(len(theta)), known.covariance, known.freedom)[1] / scales
     vague = [v for v in _vague(known, scales, half) if (np.abs(v) >= LEADING).sum() > 1]
     found += [wording.combination(v, "are indistinguishable with these data", LEADING) for v in vague]
@@ -107,6 +106,29 @@ def undetermined(
         if names[i] not in named and math.isfinite(half[i]) and half[i] > min(1.0, box[i]):
             found.append(wording.uncertain(i, theta[i], half[i] * scales[i], bool(half[i] > box[i])))
     return tuple(found)
+
+
+def null_directions(J: Jacobian, scales: np.ndarray, prior: np.ndarray | None, held: np.ndarray | None) -> np.ndarray:
+    """Directions (p, q) without any effect on the residuals, in shares of each parameter's size ``scales`` (p,).
+
+    They span what ``undetermined`` names as without influence, or as a combination; arguments as there.
+    """
+    moved, p = J.scaled(scales), len(scales)
+    weight = np.zeros((p, p)) if prior is None else prior * np.outer(scales, scales)
+    size = np.sqrt(moved.norms**2 + np.diag(weight))
+    held = np.empty((0, p)) if held is None else held.reshape(-1, p) * scales
+    silent, weak = _without_effect(moved, weight, size, held)
+    return np.array([*np.eye(p)[silent], *weak]).reshape(-1, p).T
+
+
+def _without_effect(
+    moved: Jacobian, weight: np.ndarray, size: np.ndarray, held: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Which parameters have no effect (p,), and combinations without any, in shares of each parameter's size."""
+    loose = np.abs(np.linalg.norm(_free(held), axis=1) - 1) < 1e-6  # held back by nothing else
+    silent = loose & (size <= SILENT * size.max(initial=0.0))
+    space = column_space(moved, RANK, weight, np.vstack([held, np.eye(len(size))[silent]]))
+    return silent, _sparse(space.unseen / space.scale[:, None])  # no effect but rounding
 
 
 def _free(held: np.ndarray) -> np.ndarray:
@@ -185,7 +207,7 @@ class _Wording:
         words = f"{name} has no influence on the outputs in these experiments."
         return Undetermined(NO_INFLUENCE, (name,), (1.0,), self.effect(v), words)
 
-    def combination(self, v: np.ndarray, what: str, small: float = SMALL) -> Undetermined:
+    def combination(self, v: np.ndarray, what: str, small: float = SMALL, nearest: bool = False) -> Undetermined:
         """Several parameters along ``v``, in the order given; those of ``small`` part are mentioned last."""
         main = [i for i in range(len(v)) if abs(v[i]) >= small]
         passing = [i for i in range(len(v)) if PASSING <= abs(v[i]) < small]
@@ -200,7 +222,8 @@ class _Wording:
         subject = listed([self.names[i] for i in main], MOST_NAMED) + (
             f" {what}" if len(main) > 1 else " hardly matters"
         )
-        words = f"{subject}: {chain}{also} changes the outputs by {amount}."
+        choice = " Of the values that fit alike, those nearest to the diagram's own are taken." if nearest else ""
+        words = f"{subject}: {chain}{also} changes the outputs by {amount}.{choice}"
         named = [*main, *(passing if small == SMALL else [])]
         return Undetermined(
             COMBINATION, tuple(self.names[i] for i in named), tuple(float(v[i]) for i in named), effect, words

@@ -21,12 +21,16 @@ FORGOTTEN = 1e-6
 """Share of that below which a value has been forgotten after one step. Chosen: between rounding and one."""
 LOWER = 1e-9
 """Relative fall of the cost that counts as one. Chosen: above rounding."""
+PLACES = 9
+"""Places that are tried from edge to edge. Chosen: out of the slack there is no derivative that leads back inside."""
+ZOOMS = 4
+"""Halvings of the distance between places around the best one. Chosen: a memory may begin close to an edge."""
 MOST_ROUNDS = 3
 """Searches after memories were placed anew, at most. Chosen: for the run time."""
 
 
 def placed(problem: Problem, theta: np.ndarray) -> np.ndarray:
-    """The unknowns with each such memory where its experiment is simulated best: as it is, at an edge, or between.
+    """The unknowns with each such memory where its experiment is simulated best: as it is, at an edge, or between them.
 
     Other unknowns stay as they are, and so does everything where no memory's initial value is unknown.
     """
@@ -59,26 +63,30 @@ def _placed_in(problem: Problem, theta: np.ndarray, e: int) -> np.ndarray:
     found = memory_edges(problem, theta, e)
     if not found:
         return theta
-    which = list(found)
-    low, high = np.array([found[k] for k in which]).T
-    best, cost = theta, _cost(problem, theta, e)
-    for values in (low, (low + high) / 2, high):
-        best, cost = _better(problem, e, best, cost, which, values)
-    if len(which) > 1:  # together first, then one after the other
-        for i, k in enumerate(which):
-            for value in (low[i], (low[i] + high[i]) / 2, high[i]):
-                best, cost = _better(problem, e, best, cost, [k], value)
+    low, high = np.array(list(found.values())).T
+    best, cost = _searched(problem, e, theta, _cost(problem, theta, e), list(found), low, high)
+    if len(found) > 1:  # together first, then one after the other
+        for k, (one_low, one_high) in found.items():
+            best, cost = _searched(problem, e, best, cost, [k], np.array([one_low]), np.array([one_high]))
     return best
 
 
-def _better(
-    problem: Problem, e: int, best: np.ndarray, cost: float, which: list[int], values: np.ndarray
+def _searched(
+    problem: Problem, e: int, best: np.ndarray, cost: float, which: list[int], low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """The better of two places and its cost: the best so far, and the one with other values of ``which``."""
-    one = best.copy()
-    one[which] = np.clip(values, problem.unknowns.low[which], problem.unknowns.high[which])
-    own = _cost(problem, one, e)
-    return (one, own) if own < (1 - LOWER) * cost else (best, cost)
+    """The best place found between the edges of ``which``, and its cost; as they are where nothing is better."""
+
+    def tried(share: float) -> tuple[float, float, np.ndarray]:
+        one = best.copy()
+        one[which] = np.clip(low + share * (high - low), problem.unknowns.low[which], problem.unknowns.high[which])
+        return _cost(problem, one, e), share, one
+
+    found, width = min((tried(share) for share in np.linspace(0, 1, PLACES)), key=lambda one: one[0]), 1 / (PLACES - 1)
+    for _ in range(ZOOMS):
+        width /= 2
+        nearby = [tried(share) for share in (found[1] - width, found[1] + width) if 0 <= share <= 1]
+        found = min(found, *nearby, key=lambda one: one[0])
+    return (found[2], found[0]) if found[0] < (1 - LOWER) * cost else (best, cost)
 
 
 def _cost(problem: Problem, theta: np.ndarray, e: int) -> float:

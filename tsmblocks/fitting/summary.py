@@ -109,11 +109,12 @@ def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
         unknowns.names,
         theta,
         known,
-        scales=_sizes(problem, theta, jacobian),
+        scales=unknown_sizes(problem, theta, jacobian),
         prior=prior,
         held=rows,
         low=unknowns.low,
         high=unknowns.high,
+        nearest=best.plateau is None and best.status != "interrupted",
     )
     return _Optimum(theta, residuals, jacobian, active, rows, prior, known, open_)
 
@@ -130,7 +131,7 @@ def _step_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
     return shift_note(problem.unknowns.names, off, setup.experiments[0].times.h)
 
 
-def _sizes(problem: Problem, theta: np.ndarray, jacobian: Jacobian) -> np.ndarray:
+def unknown_sizes(problem: Problem, theta: np.ndarray, jacobian: Jacobian) -> np.ndarray:
     """Magnitude of each unknown; of one that started at zero, what changes the outputs by their own norm."""
     low, high, start = problem.unknowns.low, problem.unknowns.high, problem.unknowns.start
     made, sensitivity = sizes(theta, start, low, high), jacobian.norms

@@ -1,0 +1,88 @@
+"""Of all values that fit alike, a fit and a diagnosis take those nearest to the diagram's own parameters."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+import tsmblocks as tsm
+from tsmblocks.blocks import Gain
+from tsmblocks.diagnosis.model import ModelSettings, calibrate
+from tsmblocks.fitting.nearest import nearest_of
+from tsmblocks.fitting.optimizer import OptimizerResult
+from tsmblocks.fitting.setup import pose
+
+T = np.arange(0, 20, 0.02)
+NOISE = 0.003
+SHEATH = tsm.load("tendon_sheath_asymmetric")
+TOLD = SHEATH.with_parameters({"tsm.delta": 0.05, "tsm.theta": 4.0})
+TWICE = tsm.load("tendon_sheath_linear").insert("again", Gain(gain=0.7), before="gain.u")
+
+
+def recorded(diagram, each):
+    rng, made = np.random.default_rng(1), {}
+    for k, own in enumerate(each):
+        x = 0.5 * np.sin(1.1 * T + k) + 0.2 * np.sin(3 * T) + 0.3 * (k - 1)
+        run = tsm.simulate(diagram.with_parameters(own), inputs={"x_in": (T, x)}, stop=T[-1], step=0.02, hold="cubic")
+        y = run["x_out"] + rng.normal(0, NOISE, T.size)
+        made[f"r{k}"] = tsm.Record(f"r{k}", T, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
+    return made
+
+
+BENDS = recorded(SHEATH, [{"tsm.delta": 0.09, "tsm.zeta": zeta} for zeta in (-0.1, 0.0, 0.1)])
+LINEAR = recorded(TWICE, [{"gain.gain": 2.0, "again.gain": 0.5}])
+
+
+def nearest_gains(product):
+    """Gains of a given product nearest to the diagram's, in shares of these: found by one number alone."""
+    g, a = (TWICE.parameters[k] for k in ("gain.gain", "again.gain"))
+    found = minimize_scalar(
+        lambda one: (one / g - 1) ** 2 + (product / one / a - 1) ** 2,
+        bounds=(0.2, 5),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    return found.x, product / found.x
+
+
+@pytest.mark.parametrize(("starts", "seed"), [(1, 0), (4, 0), (4, 3)])
+def test_gains_in_series_stay_nearest_to_the_diagram(starts, seed):
+    fit = tsm.fit(TWICE, LINEAR, starts=starts, seed=seed)
+    gains = fit["gain.gain"].value, fit["again.gain"].value
+    assert gains == pytest.approx(nearest_gains(np.prod(gains)), rel=1e-3)
+    assert fit.differences.rms == pytest.approx(NOISE, rel=0.05)
+    (said,) = (u.words for u in fit.undetermined)
+    assert said.endswith("Of the values that fit alike, those nearest to the diagram's own are taken.")
+
+
+def test_values_nearest_to_the_diagram_stay_within_bounds():
+    free = tsm.fit(TWICE, LINEAR)
+    fit = tsm.fit(TWICE, LINEAR, bounds={"again.gain": (0.1, 0.72)})
+    assert free["again.gain"].value > 0.72
+    assert fit["again.gain"].value == pytest.approx(0.72)
+    assert fit.differences.rms == pytest.approx(free.differences.rms, rel=1e-9)
+
+
+@pytest.mark.parametrize(("starts", "seed"), [(1, 0), (4, 0), (4, 5)])
+def test_offsets_of_the_papers_model_stay_nearest_to_the_diagram(starts, seed):
+    fit = tsm.fit(TOLD, BENDS, start_states=True, starts=starts, seed=seed, hold="cubic")
+    assert fit.differences.rms == pytest.approx(NOISE, rel=0.05)
+    c = (fit["tsm.delta"].value - 0.09) / fit["tsm.theta"].value  # by how much the direction was followed
+    assert fit["offset.bias"].value == pytest.approx(-c, abs=2e-3)
+    # no step along the direction comes nearer, the offset in shares of what moves the outputs by their own size
+    size = np.sqrt(np.mean([np.mean(r["x_out"] ** 2) for r in BENDS.values()]))
+    slope = fit["offset.bias"].value / size**2 - fit["tsm.theta"].value * (fit["tsm.delta"].value - 0.05) / 0.05**2
+    assert slope == pytest.approx(0.0, abs=0.05)
+    assert abs(fit["tsm.delta"].value - 0.05) < 1e-3
+
+
+def test_a_diagnosis_calibrates_to_the_same_values():
+    fit = tsm.fit(TOLD, BENDS, start_states=True, hold="cubic")
+    model = calibrate(TOLD, BENDS, ModelSettings(None, {"x_out": NOISE}, ("x_out",)))
+    for name, value in model.parameters().items():
+        assert value == pytest.approx(fit[name].value, rel=1e-3, abs=1e-4)
+
+
+def test_what_the_data_determine_stays_as_it_is():
+    problem, setup = pose(TOLD, BENDS)  # initial states are fixed, so nothing is left open
+    ends = [OptimizerResult(problem.unknowns.start, 1.0, "converged", 0, 0)]
+    assert nearest_of(problem, setup, ends) == ends

@@ -1,0 +1,142 @@
+"""Of all values that fit alike, those nearest to the diagram's own: a search may end anywhere along a null direction.
+
+Some models have such directions by their structure (an offset behind a plant with an offset of its own), others with
+what was recorded. The step along them is the shortest in parameters divided by their sizes; initial states do not count
+there, since a diagram's own say nothing of a recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.fitting.gauss_newton import gauss_newton
+from tsmblocks.fitting.identifiability import null_directions
+from tsmblocks.fitting.optimizer import OptimizerResult, within_bounds
+from tsmblocks.fitting.parameters import is_start, numbers
+from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.setup import Setup
+from tsmblocks.fitting.summary import active_constraints, unknown_sizes
+
+SUSPECT = 1e-9
+"""Least eigenvalue, relative to the largest with all parameters scaled alike, below which there may be a null
+direction. Chosen: far above rounding."""
+SAME_COST = 1e-9
+"""Relative rise of the cost that counts as none. Chosen: far below any standard error."""
+ALIKE = 1e-6
+"""Relative difference of the costs of two ends of searches that fit alike. Chosen: far above their tolerance."""
+CLOSE = 1e-5
+"""Step in sizes of the parameters below which the nearest values are reached. Chosen."""
+MOST_MOVED = 2
+"""Ends that are moved, those that are nearest before it. Chosen: for the run time."""
+DIGITS = 6
+"""Digits to which distances are compared: the first of those that are alike is taken. Chosen."""
+MOST_STEPS = 20
+"""Steps along null directions, which may be curved. Chosen."""
+MOST_CUTS = 8
+"""Times that a step is halved before it is given up. Chosen."""
+RETURNS = 8
+"""Iterations back to the optimum after a step along a curved direction. Chosen: two or three suffice."""
+
+
+def nearest_of(
+    problem: Problem, setup: Setup, ends: Sequence[OptimizerResult], tolerance: float = 0.0
+) -> list[OptimizerResult]:
+    """Ends of searches, best first, with the one first that is moved nearest to the diagram's own parameters.
+
+    Costs that differ by up to ``tolerance`` are alike. Where the best leaves no direction open, all stay as they are.
+    """
+    best = ends[0]
+    if best.plateau is not None or best.status == "interrupted" or not _may_be_open(problem, best.theta):
+        return list(ends)
+    move = _Moves(problem, setup, unknown_sizes(problem, problem.unknowns.start, problem.jacobian(best.theta)[1]))
+    least = best.cost + max(ALIKE * best.cost, problem.rounding, tolerance)
+    alike = [k for k, end in enumerate(ends) if end.cost <= least]
+    alike = sorted(alike, key=lambda k: (round(move.distance(ends[k].theta), DIGITS), k))[:MOST_MOVED]
+    moved = {k: move.to_nearest(ends[k]) for k in alike}
+    first = min(alike, key=lambda k: (round(move.distance(moved[k].theta), DIGITS), k))
+    return [moved[first], *(end for k, end in enumerate(ends) if k != first)]
+
+
+def _may_be_open(problem: Problem, theta: np.ndarray) -> bool:
+    """Whether there may be a null direction, from the matrix of the normal equations alone."""
+    matrix = problem.normal(theta)[2]
+    size = np.sqrt(np.diag(matrix))
+    if not np.isfinite(matrix).all() or not (size > 0).all():
+        return True
+    values = np.linalg.eigvalsh(matrix / np.outer(size, size))
+    return bool(values[0] <= SUSPECT * values[-1])
+
+
+@attrs.define(eq=False)
+class _Moves:
+    """Moves of the unknowns of a problem along null directions."""
+
+    problem: Problem
+    setup: Setup
+    scales: np.ndarray
+    """Size of each unknown where the search began, shape (n,)."""
+    counted: np.ndarray = attrs.field(init=False)
+    """Which unknowns count in the distance, shape (n,): all but initial states."""
+
+    def __attrs_post_init__(self) -> None:
+        known = numbers(self.setup.diagram)
+        self.counted = np.array([not is_start(known[k.parameter]) for k in self.problem.unknowns.items], dtype=bool)
+
+    def distance(self, theta: np.ndarray) -> float:
+        """Distance from the diagram's own parameters, in sizes."""
+        return float(np.linalg.norm(((theta - self.problem.unknowns.start) / self.scales)[self.counted]))
+
+    def to_nearest(self, end: OptimizerResult) -> OptimizerResult:
+        """The end moved along null directions, within the bounds, as far as the cost does not rise."""
+        theta, cost = end.theta, end.cost
+        for _ in range(MOST_STEPS):
+            d = self.step(theta)
+            if d is None or not np.isfinite(d).all():
+                break
+            better = self.moved(theta, d, end.cost)
+            if better is None:
+                break
+            theta, cost = better
+        return attrs.evolve(end, theta=theta, cost=min(cost, end.cost)) if theta is not end.theta else end
+
+    def step(self, theta: np.ndarray) -> np.ndarray | None:
+        """The step along the null directions that leads nearest, ended at bounds; None where there is none."""
+        problem = self.problem
+        _, J = problem.jacobian(theta)
+        if not J.is_finite.all():
+            return None
+        scales = self.scales
+        rows = active_constraints(problem, theta)[1]
+        prior = np.diag(problem.prior_derivatives(theta)[1]) if len(problem.priors.which) else None
+        null = null_directions(J, scales, prior, rows if len(rows) else None)
+        own = null[self.counted]
+        if not own.size:
+            return None
+        off = ((theta - problem.unknowns.start) / scales)[self.counted]
+        d = scales * (null @ np.linalg.lstsq(own, -off, rcond=1e-8)[0])
+        if np.abs(d / scales)[self.counted].max(initial=0.0) <= CLOSE:
+            return None
+        with np.errstate(divide="ignore", invalid="ignore"):
+            room = np.where(d > 0, problem.unknowns.high - theta, problem.unknowns.low - theta) / d
+        return d * float(min(1.0, np.where(d != 0, room, np.inf).min(initial=1.0)))
+
+    def moved(self, theta: np.ndarray, d: np.ndarray, allowed: float) -> tuple[np.ndarray, float] | None:
+        """Where a step, or half of it, and so on, leads without a rise above the cost ``allowed``, and the cost there.
+
+        A curved direction is left by a straight step: a few iterations lead back.
+        """
+        problem, limit, share = self.problem, (1 + SAME_COST) * allowed + self.problem.rounding, 1.0
+        for _ in range(MOST_CUTS):
+            new = within_bounds(problem, theta + share * d)
+            if problem.violation(new) <= 0:
+                cost = problem.cost(new)
+                if np.isfinite(cost) and cost > limit:
+                    back = gauss_newton(problem, new, iterations=RETURNS, coarse=False)
+                    new, cost = back.theta, back.cost
+                if cost <= limit and self.distance(new) < self.distance(theta):
+                    return new, cost
+            share /= 2
+        return None
