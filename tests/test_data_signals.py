@@ -11,9 +11,9 @@ from scipy.signal import butter, freqz, sosfiltfilt
 
 import tsmblocks as tsm
 from tsmblocks.common.errors import DataError
+from tsmblocks.common.interpolation import found_hold
 from tsmblocks.data import Record
 from tsmblocks.data.filters import choose_cutoff, low_pass
-from tsmblocks.data.grid import better_interpolation
 
 
 def record(t, units=None, **signals):
@@ -126,9 +126,7 @@ def test_uneven_samples_come_on_an_even_grid():
     np.testing.assert_allclose(even["x"], np.sin(2 * np.pi * even.t), atol=1e-6)
     assert np.abs(even["u"]).max() == 1.0  # a spline would ring beside the edges
     count = len(even)
-    assert even.notes == (
-        f"Resampled from 2000 to {count} samples, 0.005 s apart (interpolated; cubic: x; linear: u).",
-    )
+    assert even.notes == (f"Resampled from 2000 to {count} samples, 0.005 s apart (interpolated; cubic: x; held: u).",)
 
 
 def test_thinning_takes_out_what_would_come_back_slow():
@@ -161,9 +159,9 @@ def test_steps_that_do_not_fit(step, words):
 
 
 def test_a_spline_for_what_is_smooth_and_lines_for_what_jumps():
-    assert better_interpolation(T, SLOW) == "cubic"
-    assert better_interpolation(T, np.sign(SLOW)) == "linear"
-    assert better_interpolation(T[:6], SLOW[:6]) == "linear"
+    assert found_hold(T, SLOW) == "cubic"
+    assert found_hold(T, np.sign(SLOW)) == "zero"
+    assert found_hold(T[:6], SLOW[:6]) == "linear"
 
 
 # ---- filters

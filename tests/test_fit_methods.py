@@ -165,7 +165,7 @@ PEERS = {
         own_play,
         "x_in",
         "x_out",
-        {},
+        dict(hold="linear"),
     ),
     "sheath": (
         tsm.load("tendon_sheath_asymmetric"),
@@ -174,7 +174,7 @@ PEERS = {
         own_sheath,
         "x_in",
         "x_out",
-        {},
+        dict(hold="linear"),
     ),
 }
 

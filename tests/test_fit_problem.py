@@ -319,7 +319,7 @@ def test_residuals_are_those_of_a_simulation_by_hand(problems, name):
         diagram = setup.diagram.with_parameters(numbers)
         times, r = trial.times, trial.record
         end = times.start + times.steps * times.h
-        inputs = {k: tsm.Samples(*led_on(r.t, r[k], end, trial.hold), trial.hold) for k in diagram.inputs}
+        inputs = {k: tsm.Samples(*led_on(r.t, r[k], end, trial.hold[k]), trial.hold[k]) for k in diagram.inputs}
         run = tsm.simulate(diagram, start=times.start, stop=end, step=times.h, method=trial.rule.name, inputs=inputs)
         for output, weight in zip(setup.outputs, problem.weights, strict=True):
             there = np.isin(r.t, trial.t)

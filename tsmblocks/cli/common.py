@@ -23,7 +23,7 @@ PICTURES = (".png", ".svg", ".pdf")
 """Endings of files of results, and of figures."""
 DIAGRAMS, BLOCKS, FILES, FOLDERS = "diagrams", "blocks", "files", "folders"
 """Kinds of values that a shell can complete, beside fixed words."""
-METHODS, HOLDS, BACKENDS = ("euler", "heun", "rk4"), ("zero", "linear", "cubic"), ("llvm", "casadi")
+METHODS, HOLDS, BACKENDS = ("euler", "heun", "rk4"), ("auto", "zero", "linear", "cubic"), ("llvm", "casadi")
 FITS = ("gauss-newton", "ipopt", "ga")
 """Integration methods, holds, back ends and fitting methods: named here too, so that parsing imports nothing heavy."""
 
@@ -127,6 +127,17 @@ def setting(text: str) -> tuple[str, Any]:
         return name, value
 
 
+class HoldAction(argparse.Action):
+    """A hold for all inputs, or ``NAME=HOLD`` for one, which may be repeated."""
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, values: Any, option_string: Any = None) -> None:
+        """Keep a hold of all inputs as a word, those by name as a mapping."""
+        name, equals, hold = values.partition("=")
+        before = getattr(namespace, self.dest)
+        each = {**before, name: hold} if isinstance(before, dict) else {name: hold}
+        setattr(namespace, self.dest, each if equals else values)
+
+
 SEVERAL: dict[str, Any] = dict(nargs="+", action="extend")
 """Settings of an option that takes several values and may be repeated."""
 SHARED: dict[str, dict[str, Any]] = {
@@ -149,9 +160,10 @@ SHARED: dict[str, dict[str, Any]] = {
     "--seed": dict(metavar="N", type=integer_from(0), default=0, help="seed of the random numbers (default 0)"),
     "--step": dict(metavar="H", type=finite_float, help="step of the simulation in s (default: chosen from the data)"),
     "--hold": dict(
-        metavar="HOLD",
-        default="linear",
-        help="signals between samples: zero, linear (default) or cubic",
+        metavar="[NAME=]HOLD",
+        action=HoldAction,
+        default="auto",
+        help="inputs between samples, all or one by name: zero, linear, cubic or auto (default: found from the data)",
         suggests=HOLDS,
     ),
     "--plot": dict(metavar="FILE", help="write a figure to a .png, .svg or .pdf file"),

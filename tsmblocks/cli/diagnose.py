@@ -63,8 +63,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--outputs", "--window")
     unfiltered = "leave measured inputs as they are (default: their noise is filtered out, with zero phase)"
     add("--no-condition", dest="condition", action="store_false", help=unfiltered)
-    add("--seed", "--step")
-    add("--hold", default="cubic", help="signals between samples: zero, linear or cubic (default)")
+    add("--seed", "--step", "--hold")
     common.result_arguments(parser, "write report.html, diagnosis.json and augmented.toml into a folder", "DIR")
 
 

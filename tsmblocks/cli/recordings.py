@@ -115,6 +115,7 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
         return None, {}
     if not wanted:
         raise UsageError(f"'{shown}' has no inputs, so there is nothing that --data could drive.")
+    from tsmblocks.fitting.holds import hold_notes, resolved_holds
     from tsmblocks.fitting.summary import rough_inputs
     from tsmblocks.simulation.compiled import equations
 
@@ -123,11 +124,13 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
     only = [*wanted, *(k for k in measured if k in mapped)]
     record = read_record(args, only, also=measured, report=False, drives=wanted)
     _refuse_doubtful(args, record, [diagram])
-    noisy = (with_condition_option(text, args) for text in rough_inputs(record, equations(diagram)))
-    record = attrs.evolve(record, notes=(*record.notes, *noisy))
+    eq = equations(diagram)
+    holds = resolved_holds(record, wanted, args.hold, eq.orders)
+    noisy = (with_condition_option(text, args) for text in rough_inputs(record, eq))
+    record = attrs.evolve(record, notes=(*record.notes, *noisy, *hold_notes(record, holds, args.hold)))
     print_repairs(args, record)
     _note_assumed_units(args, [record], [diagram])
-    return record, {name: record.samples(name, port.unit, args.hold) for name, port in wanted.items()}
+    return record, {name: record.samples(name, port.unit, holds[name]) for name, port in wanted.items()}
 
 
 def read_experiments(args: argparse.Namespace, *diagrams: Any, report: bool = True) -> dict[str, Any]:

@@ -56,7 +56,7 @@ def _run(args: argparse.Namespace, out: Path | None) -> Any:
     from tsmblocks.studies.files import load_study
 
     given = load_study(args.study)
-    args.hold = given.get("hold", "linear")
+    args.hold = given.get("hold", "auto")
     record, given["inputs"] = recordings.read_inputs(args, given["diagram"], given["diagram"].title)
     if record is not None:
         given["start"] = float(record.t[0])

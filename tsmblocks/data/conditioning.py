@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tsmblocks.common.interpolation import is_held
 from tsmblocks.data.filters import MIN_FILTERED_SAMPLES
 from tsmblocks.data.resampling import evenly_sampled
 
@@ -43,7 +44,7 @@ def conditioned(self: Record, names: Iterable[str]) -> Record:
     Parameters
     ----------
     names : iterable of str
-        The inputs; those that are missing or constant are left out.
+        The inputs; those that are missing, constant, or held from jump to jump, are left out.
 
     Returns
     -------
@@ -53,7 +54,7 @@ def conditioned(self: Record, names: Iterable[str]) -> Record:
     if len(self) < MIN_FILTERED_SAMPLES:
         return self
     even = evenly_sampled(self)
-    moving = [k for k in names if k in even and np.ptp(even[k]) > 0]
+    moving = [k for k in names if k in even and np.ptp(even[k]) > 0 and not is_held(even[k])]
     if not moving:
         return even
     made = even.filtered(moving)

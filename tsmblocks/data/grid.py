@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,27 +64,3 @@ def refuse_not_finite(record: Record, names: Iterable[str], what: str) -> None:
                 f"{record.called}: sample {k} of {name} is not finite (t = {record.t[k]:g} s, value = "
                 f"{record[name][k]:g}), and {what} needs every sample."
             )
-
-
-def interpolation(t: np.ndarray, x: np.ndarray, kind: str) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function of time that interpolates the samples: ``"linear"`` or ``"cubic"`` (a spline)."""
-    if kind == "linear":
-        return lambda at: np.interp(at, t, x)
-    from scipy.interpolate import CubicSpline
-
-    return CubicSpline(t, x)
-
-
-def better_interpolation(t: np.ndarray, x: np.ndarray) -> str:
-    """Whichever of linear and cubic predicts every second sample better from the others.
-
-    A smooth motion is followed by the spline, which rings at the edges of a square wave.
-    """
-    if len(t) < 9:
-        return "linear"
-    inner = slice(1, len(t) - 1 - len(t) % 2, 2)
-    errors = {
-        kind: float(np.sum((interpolation(t[::2], x[::2], kind)(t[inner]) - x[inner]) ** 2))
-        for kind in ("linear", "cubic")
-    }
-    return "cubic" if errors["cubic"] < errors["linear"] else "linear"

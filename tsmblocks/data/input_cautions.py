@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from tsmblocks.common.arguments import as_list
+from tsmblocks.common.interpolation import is_held
 from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass
 from tsmblocks.data.noise_floor import is_coarse, sample_to_sample_noise, with_unit
 from tsmblocks.data.quantization import quantum_of
@@ -57,8 +58,8 @@ def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple
     >>> text[:70]
     'x_in is noisy: its path is 91 % longer than that of the motion in it, '
     """
-    names = as_list(record.names if inputs is None else inputs)
     record = evenly_sampled(record)
+    names = [name for name in as_list(record.names if inputs is None else inputs) if not is_held(record[name])]
     sentences = (_long_path(record, name) or _rough_rate(record, name) for name in names)
     return tuple(text for text in sentences if text)
 

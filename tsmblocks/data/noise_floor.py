@@ -13,7 +13,8 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError
-from tsmblocks.data.grid import interpolation, stretches
+from tsmblocks.common.interpolation import interpolation
+from tsmblocks.data.grid import stretches
 from tsmblocks.data.periods import MIN_UNLIKENESS, best_period, unlikeness
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record

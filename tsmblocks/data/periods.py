@@ -6,7 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tsmblocks.data.grid import interpolation, is_even, step_of
+from tsmblocks.common.interpolation import interpolation
+from tsmblocks.data.grid import is_even, step_of
 
 MAX_UNLIKENESS = 0.01
 """Normalised mean square difference d of a signal to itself one period later, up to which it repeats itself. Chosen:

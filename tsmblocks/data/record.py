@@ -13,6 +13,7 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, near
 from tsmblocks.common.frames import dataset, frame
+from tsmblocks.common.interpolation import AUTO
 from tsmblocks.common.tables import few
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import SignalViews
@@ -176,7 +177,7 @@ class Record(SignalViews):
         except units.UnitError as error:
             raise DataError(f"{self.called}: signal '{heading(name, own)}' is wanted in {unit}. {error}") from None
 
-    def samples(self, name: str, unit: str | None = None, hold: str = "linear") -> Samples:
+    def samples(self, name: str, unit: str | None = None, hold: str = AUTO) -> Samples:
         """Return a signal as an input of a run.
 
         Parameters
@@ -185,8 +186,8 @@ class Record(SignalViews):
             The signal.
         unit : str or None, default None
             Unit of the input, by default that of the record.
-        hold : {"linear", "zero", "cubic"}, default "linear"
-            How the input is interpolated between samples.
+        hold : {"auto", "zero", "linear", "cubic"}, default "auto"
+            How the input is interpolated between samples; by default as it is found from them.
 
         Returns
         -------

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tsmblocks.common.errors import DataError
+from tsmblocks.common.interpolation import found_hold, interpolation
 from tsmblocks.data.filters import low_pass
-from tsmblocks.data.grid import better_interpolation, interpolation, refuse_not_finite
+from tsmblocks.data.grid import refuse_not_finite
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
@@ -28,9 +29,9 @@ def evenly_sampled(record: Record) -> Record:
 def resampled(self: Record, step: float | None = None) -> Record:
     """Return the record on an even grid.
 
-    Signals are interpolated by a cubic spline or linearly, whichever predicts every second sample better from the
-    others. When the new step is longer, a zero-phase low-pass at 0.7 of the new Nyquist frequency precedes it
-    against aliasing.
+    Signals that stand still and jump are held from sample to sample; others are interpolated by a cubic spline or
+    linearly, whichever predicts samples better from their neighbours. When the new step is longer, a zero-phase
+    low-pass at 0.7 of the new Nyquist frequency precedes it against aliasing.
 
     Parameters
     ----------
@@ -63,10 +64,11 @@ def resampled(self: Record, step: float | None = None) -> Record:
     grid[-1] = min(grid[-1], t[-1])
     if step > 1.05 * own:
         return _decimated(self, grid, step)
-    kinds = {name: better_interpolation(t, self[name]) for name in self}
+    kinds = {name: found_hold(t, self[name]) for name in self}
     signals = {name: interpolation(t, self[name], kind)(grid) for name, kind in kinds.items()}
-    used = {kind: [name for name in kinds if kinds[name] == kind] for kind in ("cubic", "linear")}
-    how = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in used.items() if names)
+    used = {kind: [name for name in kinds if kinds[name] == kind] for kind in ("cubic", "linear", "zero")}
+    words = {"cubic": "cubic", "linear": "linear", "zero": "held"}
+    how = "; ".join(f"{words[kind]}: {', '.join(names)}" for kind, names in used.items() if names)
     note = f"Resampled from {len(t)} to {count} samples, {step:g} s apart (interpolated; {how})."
     return self._changed(note, t=grid, signals=signals)
 

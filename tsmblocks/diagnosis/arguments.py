@@ -11,6 +11,7 @@ import numpy as np
 
 from tsmblocks.common import arguments
 from tsmblocks.common.errors import DataError, ParameterError, near
+from tsmblocks.common.interpolation import Hold
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.model import ModelSettings
 from tsmblocks.effects import Effect, catalogue
@@ -69,7 +70,7 @@ def checked(
     seed: int,
     step: float | None,
     integrator: str,
-    hold: str,
+    hold: Hold,
     progress: Any,
 ) -> Request:
     """The arguments of ``tsm.diagnose`` as a request. Raises what ``tsm.diagnose`` raises for them."""

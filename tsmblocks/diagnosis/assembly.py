@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from tsmblocks.common.interpolation import Hold
 from tsmblocks.common.tables import listed
 from tsmblocks.common.version import __version__
 from tsmblocks.diagnosis.arguments import Request
@@ -14,6 +15,7 @@ from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
 from tsmblocks.diagnosis.script import diagram_source
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.summary import DiagnosedPart, segment_summary
+from tsmblocks.fitting.holds import common_holds, in_one_word
 from tsmblocks.model.diagram import Diagram
 
 VERDICT_RANK = {"named": 2, "unknown": 1, "none": 0}
@@ -88,7 +90,18 @@ def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:
                 pieces[experiment.name] = (float(t[0]), float(experiment.t[0]), float(t[-1]))
     inputs = dict.fromkeys(k for diagnosed in parts for k in diagnosed.part.diagram.inputs if request.condition)
     outputs = tuple(k for diagnosed in parts for k in diagnosed.part.outputs)
-    return Simulated(starts, steps, outputs, tuple(inputs), request.settings.integrator, request.settings.hold, pieces)
+    return Simulated(starts, steps, outputs, tuple(inputs), request.settings.integrator, _hold(parts), pieces)
+
+
+def _hold(parts: Sequence[DiagnosedPart]) -> Hold:
+    """How inputs run between samples, for all or by input."""
+    experiments = [(one.record, one.hold) for diagnosed in parts for one in diagnosed.final.setup.experiments]
+    return in_one_word(common_holds(experiments))
+
+
+def _hold_text(hold: Hold) -> str:
+    """The hold of all inputs, or of each of them, in words."""
+    return hold if isinstance(hold, str) else ", ".join(f"{name} {one}" for name, one in hold.items())
 
 
 def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]:
@@ -109,6 +122,6 @@ def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]
         "step": f"{' to '.join(f'{h:.4g}' for h in (steps[:1] + steps[1:][-1:]))} s"
         f" ({'given' if settings.step is not None else 'chosen'})",
         "integrator": settings.integrator,
-        "hold": settings.hold,
+        "hold": _hold_text(_hold(parts)),
         "seed": str(settings.seed),
     }

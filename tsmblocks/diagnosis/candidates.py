@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import attrs
 import numpy as np
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
+from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.insertion_points import InsertionPoint
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.effects import Effect, Scales, Span, Trials, span_of
-from tsmblocks.engine.inputs import ORDERS
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
@@ -148,7 +148,7 @@ def candidates(
     Left out are edits that make an algebraic loop, and those that differentiate inputs with a zero-order hold.
     """
     found: list[Candidate] = []
-    base, order = model.fitted_diagram, ORDERS.get(model.setup.experiments[0].hold, math.inf)
+    base, orders = model.fitted_diagram, _available_orders(model)
     for effect in effects:
         for point in points:
             if (point.place, point.adds) != (effect.place, effect.adds):
@@ -158,10 +158,19 @@ def candidates(
                 continue
             effect.accepts(trials)
             name = unique_names([*base.blocks, effect.name])[-1]
-            edited = _with_effect(base, name, effect, point, trials, order)
+            edited = _with_effect(base, name, effect, point, trials, orders)
             if edited is not None:
                 found.append(Candidate(effect, point, name, edited, trials))
     return found
+
+
+def _available_orders(model: Model) -> dict[str, float]:
+    """The highest time derivative of each input that exists in all experiments."""
+    orders: dict[str, float] = {}
+    for experiment in model.setup.experiments:
+        for name, hold in experiment.hold.items():
+            orders[name] = min(orders.get(name, math.inf), ORDERS.get(hold, math.inf))
+    return orders
 
 
 def _trials(effect: Effect, scales: Scales) -> Trials | None:
@@ -187,9 +196,9 @@ def _clipped_to_bounds(edited: Diagram, name: str, effect: Effect, trials: Trial
 
 
 def _with_effect(
-    base: Diagram, name: str, effect: Effect, point: InsertionPoint, trials: Trials, order: float
+    base: Diagram, name: str, effect: Effect, point: InsertionPoint, trials: Trials, orders: Mapping[str, float]
 ) -> Diagram | None:
-    """The base with an effect; None where it is not admissible, or takes derivatives of inputs above ``order``."""
+    """The base with an effect; None where it is not admissible, or takes derivatives of inputs above ``orders``."""
     try:
         edited = point.put(base, name, effect.block)
         numbers = {**trials.fixed, **trials.shapes[0]}  # shapes that have no strength are fitted from here
@@ -199,5 +208,5 @@ def _with_effect(
     except (AlgebraicLoop, DiagramError):  # this block is not admissible on this wire
         return None
     same = all(edited.unit(k) == base.unit(k) for k in (*base.inputs, *base.outputs))
-    had = all(feed.order <= order for feed in eq.u if not feed.block)
+    had = all(order <= orders.get(name, math.inf) for name, order in eq.orders.items())
     return edited if same and had else None  # a block for angles would change the unit of a voltage

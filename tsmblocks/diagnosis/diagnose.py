@@ -12,6 +12,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
@@ -39,9 +40,10 @@ from tsmblocks.diagnosis.partition import (
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.summary import DiagnosedPart
-from tsmblocks.fitting.input_checks import standing
+from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.fitting.recordings import Data
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.simulation.compiled import equations
 
 
 def diagnose(
@@ -58,7 +60,7 @@ def diagnose(
     seed: int = 0,
     step: float | None = None,
     integrator: str = "rk4",
-    hold: str = "cubic",
+    hold: Hold = AUTO,
     progress: ProgressCallback | None = None,
 ) -> Diagnosis:
     """Name the effect that a model lacks, add its block to the diagram, and validate it on held-out data.
@@ -99,8 +101,8 @@ def diagnose(
         Step [s] of the simulation. Default: chosen, finer where confidence intervals would not cover its error.
     integrator : str, default "rk4"
         Integration method, as for ``tsm.simulate``.
-    hold : {"cubic", "linear", "zero"}, default "cubic"
-        How inputs are interpolated between samples, as for ``tsm.simulate``.
+    hold : {"auto", "zero", "linear", "cubic"}, or mapping of str to these, default "auto"
+        How inputs are interpolated between samples, one for all or by input, as for ``tsm.simulate``.
     progress : callable, optional
         Called as ``progress(stage, done, of)`` now and then.
 
@@ -175,6 +177,7 @@ def _diagnosed(
     raw, compared = request.records, within_windows(request.records, settings.window)
     floors = noise_floors(compared, part.diagram, part.outputs, request.noise_floors)
     settings = settings.restricted_to(part.diagram, part.outputs, floors.sigma)
+    settings = attrs.evolve(settings, hold=_holds(part, records, settings, notes))
     rounds: list[SearchRound] = []
     search: SearchContext | None = None
     try:
@@ -211,8 +214,17 @@ def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes
     progress("conditioned", 0, 1)
     records = all_conditioned(raw, names) if request.condition else dict(raw)
     notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
-    notes += [f"{name}: {text}" for name, r in raw.items() for text in standing(r, names, request.settings.hold)]
     return records
+
+
+def _holds(part: Part, records: Mapping[str, Record], settings: ModelSettings, notes: list[str]) -> Hold:
+    """How the inputs of a part run between samples, from whole recordings: pieces of them show too little."""
+    names, orders, found = list(part.diagram.inports), equations(part.diagram).orders, []
+    for name, record in records.items():
+        holds = resolved_holds(record, names, settings.hold, orders)
+        notes += [f"{name}: {text}" for text in hold_notes(record, holds, settings.hold)]
+        found.append((record, holds))
+    return in_one_word(common_holds(found))
 
 
 def _calibrated(

@@ -10,6 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.data import Record
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import starting_points
@@ -60,7 +61,7 @@ class ModelSettings:
     start_states: bool = True
     step: float | None = None
     integrator: str = "rk4"
-    hold: str = "cubic"
+    hold: Hold = AUTO
     seed: int = 0
     window: Mapping[str, Window] | None = None
 
@@ -69,7 +70,10 @@ class ModelSettings:
         free = self.free
         if free is not None:
             free = tuple(p for p in free if any(fnmatchcase(k, p) for k in diagram.parameters))
-        return attrs.evolve(self, free=free, outputs=outputs, sigma=sigma)
+        hold = self.hold
+        if isinstance(hold, Mapping):
+            hold = {name: one for name, one in hold.items() if name in diagram.inports}
+        return attrs.evolve(self, free=free, outputs=outputs, sigma=sigma, hold=hold)
 
 
 @attrs.frozen(eq=False)

@@ -7,6 +7,7 @@ from typing import Any
 
 import attrs
 
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.data import Record, heading
 
 
@@ -25,7 +26,7 @@ class Simulated:
     outputs: tuple[str, ...]
     conditioned: tuple[str, ...] = ()
     integrator: str = "rk4"
-    hold: str = "cubic"
+    hold: Hold = AUTO
     pieces: Mapping[str, tuple[float, float, float]] = attrs.field(factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
@@ -33,7 +34,7 @@ class Simulated:
         return {
             "steps": dict(self.steps),
             "integrator": self.integrator,
-            "hold": self.hold,
+            "hold": dict(self.hold) if isinstance(self.hold, Mapping) else self.hold,
             "conditioned": list(self.conditioned),
             "outputs": list(self.outputs),
             "pieces": {name: list(one) for name, one in self.pieces.items()},

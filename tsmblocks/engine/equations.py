@@ -80,6 +80,15 @@ class Equations:
         return f"Equations({self.title!r}, {len(self.x)} states, {len(self.p)} parameters, outputs {few(self.aliases)})"
 
     @property
+    def orders(self) -> dict[str, int]:
+        """The highest time derivative of each sampled input that enters the equations."""
+        made: dict[str, int] = {}
+        for feed in self.u:
+            name = feed.name.removeprefix("d/dt " * feed.order)
+            made[name] = max(made.get(name, 0), feed.order)
+        return made
+
+    @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the diagram's outputs."""
         return tuple(self.aliases)

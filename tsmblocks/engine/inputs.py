@@ -12,18 +12,19 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.common.errors import DataError, in_words, near
+from tsmblocks.common.interpolation import AUTO, HOLDS, ORDERS, found_hold
 
-HOLDS = ("zero", "linear", "cubic")
-ORDERS = {"zero": 0, "linear": 1}
-"""Highest time derivative of an input that exists with a hold; a cubic has all that blocks use."""
 LATE_SAMPLE = 1e-3
 """Share of a step by which a sample may be late and still counts at that step. Chosen: printed times are rounded."""
 
 
 class Signal:
-    """A signal as a function of time, with limits from the left and the right and its time derivatives."""
+    """A signal as a function of time, with limits from the left and the right and its time derivatives.
 
-    def __init__(self, name: str, given: Any, grid: np.ndarray, hold: str) -> None:
+    ``order`` is the highest derivative that is needed: a hold that is found from the samples has it.
+    """
+
+    def __init__(self, name: str, given: Any, grid: np.ndarray, hold: str, order: int = 0) -> None:
         self.name = name
         self.function: Any = given if callable(given) else None
         if self.function is not None:
@@ -31,11 +32,12 @@ class Signal:
             return
         self.t, self.y, self.hold = _samples(name, given, grid, hold)
         self._check()
+        self.hold = found_hold(self.t, self.y, order) if self.hold == AUTO else self.hold
         self._grid = (math.nan, math.nan, False)
 
     def _check(self) -> None:
-        if self.hold not in HOLDS:
-            raise DataError(f"input '{self.name}': there is no hold '{self.hold}'.{near(self.hold, HOLDS)}")
+        if self.hold not in (AUTO, *HOLDS):
+            raise DataError(f"input '{self.name}': there is no hold '{self.hold}'.{near(self.hold, (AUTO, *HOLDS))}")
         if self.t.ndim != 1 or self.t.shape != self.y.shape or not len(self.t):
             raise DataError(
                 f"input '{self.name}': times and values must be two lists of one length, "

@@ -13,6 +13,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
+from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations, function_values
 from tsmblocks.engine.inputs import Signal, input_rows
@@ -103,7 +104,7 @@ def start_memory(
     return kernel.memory(x, d, p, s, delay_capacity(check_delays(eq, p, h)))
 
 
-def gather_signals(eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray, hold: str) -> list[tuple[Signal, int]]:
+def gather_signals(eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray, hold: Hold) -> list[tuple[Signal, int]]:
     """Signal and order of derivative of each sampled input. Raises DataError for missing or unknown inputs."""
     wanted = [f.name for f in eq.u if not f.block and not f.order]
     for name in inputs:
@@ -117,13 +118,15 @@ def gather_signals(eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray, h
     span = (float(grid[0]), float(grid[-1]))
     taped = {block: source(*span) for block, source in eq.tapes.items()}
     step = float(grid[1] - grid[0]) if len(grid) > 1 else 1.0
+    holds, orders = hold_of_each(hold, wanted), eq.orders
     known: dict[str, Signal] = {}
     made = []
     for feed in eq.u:
         name = feed.name.removeprefix("d/dt " * feed.order)
         if name not in known:
-            given = taped[feed.block][feed.tape] if feed.block else _sampled(inputs[name], name, feed.unit, hold)
-            known[name] = Signal(name, given, grid, hold)
+            how = holds.get(name, AUTO)
+            given = taped[feed.block][feed.tape] if feed.block else _sampled(inputs[name], name, feed.unit, how)
+            known[name] = Signal(name, given, grid, how, orders[name])
             known[name].covers(*span, step)
         made.append((known[name], feed.order))
     return made

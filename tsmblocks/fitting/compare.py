@@ -12,6 +12,7 @@ import numpy as np
 from tsmblocks.common import arguments, units
 from tsmblocks.common.errors import DataError, NotFinite, RunError, TsmError, in_words, near
 from tsmblocks.common.frames import frame
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.data import Record
@@ -202,7 +203,7 @@ def compare(
     seed: int = 0,
     step: float | None = None,
     integrator: str = "rk4",
-    hold: str = "linear",
+    hold: Hold = AUTO,
     progress: Callable[[str, int, float], None] | None = None,
     backend: str = "",
 ) -> Comparison:
@@ -238,8 +239,9 @@ def compare(
         Step of the simulation in s; by default one that resolves the diagram.
     integrator : {"rk4", "euler", "heun"}
         Runge-Kutta method.
-    hold : {"linear", "zero", "cubic"}
-        Interpolation between samples of the inputs.
+    hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
+        Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
+        zero-order hold where an input stands still and then jumps, else straight lines or a cubic spline.
     progress : callable, optional
         Called as ``progress(model, evaluations, rms)``.
     backend : {"", "llvm", "casadi"}

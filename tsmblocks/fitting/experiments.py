@@ -10,6 +10,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError, RunError, clip, near
+from tsmblocks.common.interpolation import Hold, hold_of_each
 from tsmblocks.data import Record
 from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.missing_units import how_to_map
@@ -19,6 +20,7 @@ from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.sensitivities import tangent_memory
 from tsmblocks.engine.session import gather_signals, single_kernel, start_memory, steps_per_period
+from tsmblocks.fitting.holds import resolved_holds
 from tsmblocks.model.block import Samples
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import TimeGrid
@@ -54,7 +56,7 @@ class Experiment:
     measured: np.ndarray = attrs.field(repr=False)
     place: np.ndarray = attrs.field(repr=False)
     share: np.ndarray | None = attrs.field(repr=False)
-    hold: str = "linear"
+    hold: Mapping[str, str] = attrs.field(factory=dict)
     backend: str = ""
 
     def outputs(self, p: np.ndarray) -> np.ndarray:
@@ -154,7 +156,7 @@ def prepare(
     outputs: Sequence[str],
     rule: Method,
     step: float,
-    hold: str,
+    hold: Hold,
     window: Window,
     backend: str,
 ) -> Experiment:
@@ -175,7 +177,9 @@ def prepare(
         raise RunError(f"experiment '{name}': the step of {h:g} s is longer than the run of {t[-1] - start:g} s.")
     exact = (t - start) / h
     place = np.arange(cut.start, cut.stop) if even else np.minimum(exact.astype(int), times.steps - 1)
-    ordered = gather_signals(eq, inputs(record, diagram, hold, times.grid[-1]), times.grid, hold)
+    _refuse_missing(record, diagram)
+    holds = resolved_holds(record, diagram.inports, hold, eq.orders)
+    ordered = gather_signals(eq, inputs(record, diagram, holds, times.grid[-1]), times.grid, holds)
     return Experiment(
         name,
         record,
@@ -189,24 +193,29 @@ def prepare(
         np.stack([signal_of(name, record, k, diagram.unit(k))[cut] for k in outputs], axis=1),
         place,
         None if even else exact - place,
-        hold,
+        holds,
         backend,
     )
 
 
-def inputs(record: Record, diagram: Diagram, hold: str, until: float = -math.inf) -> dict[str, Any]:
-    """The diagram's inputs from a recording, extrapolated to the end of a step at ``until`` [s].
-
-    Raises DataError for one that is not there.
-    """
-    wanted = diagram.inports
-    missing = [k for k in wanted if k not in record]
+def _refuse_missing(record: Record, diagram: Diagram) -> None:
+    """Raise DataError for an input of the diagram that was not recorded."""
+    missing = [k for k in diagram.inports if k not in record]
     if missing:
         raise DataError(
             f"{record.called}: '{diagram.title}' needs its input '{missing[0]}', and the "
             f"recording has no such signal.{near(missing[0], record.names)} "
             f"If it has another name there, map it when reading: {how_to_map(missing[0], bare=not record.units)}."
         )
+
+
+def inputs(record: Record, diagram: Diagram, hold: Hold, until: float = -math.inf) -> dict[str, Any]:
+    """The diagram's inputs from a recording, extrapolated to the end of a step at ``until`` [s].
+
+    Raises DataError for one that is not there.
+    """
+    _refuse_missing(record, diagram)
+    wanted, holds = diagram.inports, hold_of_each(hold, list(diagram.inports))
     own = grid_step(record.t)  # times kept with few digits: a held value must not come a step late
     t = record.t[0] + own * np.arange(len(record)) if lies_on_grid(record.t, own) else record.t
     beyond = until - float(t[-1]) if until > t[-1] + 1e-9 * own else 0.0
@@ -214,10 +223,10 @@ def inputs(record: Record, diagram: Diagram, hold: str, until: float = -math.inf
     for k, port in wanted.items():
         y = signal_of(record.name, record, k, port.unit)
         if not beyond:
-            made[k] = Samples(t, y, hold)
+            made[k] = Samples(t, y, holds[k])
             continue
-        more = 0.0 if hold == "zero" else beyond * (y[-1] - y[-2]) / (t[-1] - t[-2])
-        made[k] = Samples(np.append(t, until), np.append(y, y[-1] + more), hold)
+        more = 0.0 if holds[k] == "zero" else beyond * (y[-1] - y[-2]) / (t[-1] - t[-2])
+        made[k] = Samples(np.append(t, until), np.append(y, y[-1] + more), holds[k])
     return made
 
 

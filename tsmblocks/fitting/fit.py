@@ -12,6 +12,7 @@ import numpy as np
 from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import RunError, in_words, near
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.memories import placed, refined
@@ -62,7 +63,7 @@ def fit(
     iterations: int | None = None,
     step: float | None = None,
     integrator: str = "rk4",
-    hold: str = "linear",
+    hold: Hold = AUTO,
     progress: ProgressCallback | None = None,
     backend: str = "",
 ) -> Fit:
@@ -120,8 +121,9 @@ def fit(
         the intervals do not cover the error of the step.
     integrator : {"rk4", "euler", "heun"}
         Runge-Kutta method.
-    hold : {"linear", "zero", "cubic"}
-        Interpolation between samples of the inputs.
+    hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
+        Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
+        zero-order hold where an input stands still and then jumps, else straight lines or a cubic spline.
     progress : callable, optional
         Called as ``progress(stage, evaluations, rms)`` during the search.
     backend : {"", "llvm", "casadi"}

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-
 import numpy as np
-
-from tsmblocks.data import Record
 
 PLAIN = 0.25
 """Share of the residual of a proportional model that the rate of the input has to explain. Chosen."""
@@ -16,10 +12,6 @@ PARTS = 4
 """Parts of a recording that have to show the same lead. Chosen."""
 SAME = 2.0
 """Ratio of two leads up to which they are the same. Chosen."""
-STILL = 0.5
-"""Fraction of the steps between samples that leave the input unchanged. Chosen."""
-JUMP = 0.05
-"""Size of its largest step, as a share of all that it moves: less is a quantised motion. Chosen."""
 
 
 def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarray, simulated: np.ndarray) -> str:
@@ -60,16 +52,3 @@ def _lead(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
     plain = gain**2 * size >= PLAIN * unexplained and abs(slope) * float(np.std(x)) >= MOSTLY * float(np.std(y))
     proportion = slope - gain * float(x @ rate) / float(x @ x)
     return gain / proportion if plain and proportion != 0 else 0.0
-
-
-def standing(record: Record, inputs: Iterable[str], hold: str) -> Iterator[str]:
-    """What to mind of piecewise constant inputs that are not taken as zero-order hold."""
-    for name in (k for k in inputs if k in record and hold != "zero"):
-        steps = np.abs(np.diff(record[name]))
-        size = float(np.ptp(record[name]))
-        if size > 0 and np.mean(steps == 0) >= STILL and steps.max() >= JUMP * size:
-            yield (
-                f"the input {name} is piecewise constant, and hold='{hold}' draws each of its steps out over a sample "
-                "interval. If it was a zero-order hold, as a controller applies its command, give hold='zero', or "
-                "--hold zero."
-            )

@@ -11,6 +11,7 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, ParameterError, near
 from tsmblocks.common.frames import frame
+from tsmblocks.common.interpolation import Hold
 from tsmblocks.common.views import view
 from tsmblocks.data import Record
 from tsmblocks.fitting.identifiability import Undetermined
@@ -83,8 +84,10 @@ class Fit:
         How many of these reached the same optimum.
     step : float
         Step of the simulation in s.
-    integrator, hold : str
+    integrator : str
         As given to ``fit``.
+    hold : str or dict of str to str
+        Interpolation of all inputs between samples, or by input; ``"auto"`` where experiments differ.
     records : dict of str to Record
         The recordings by experiment.
     notes : tuple of str
@@ -103,7 +106,7 @@ class Fit:
     agreeing: int
     step: float
     integrator: str
-    hold: str
+    hold: Hold
     records: Mapping[str, Record] = attrs.field(repr=False)
     notes: tuple[str, ...] = ()
 

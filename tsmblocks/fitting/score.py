@@ -11,6 +11,7 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, near
 from tsmblocks.common.frames import frame
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.data import Record
@@ -238,7 +239,7 @@ def score(
     window: Any = None,
     step: float | None = None,
     integrator: str = "rk4",
-    hold: str = "linear",
+    hold: Hold = AUTO,
     backend: str = "",
 ) -> Differences:
     """Simulate a diagram on the inputs of recordings and return the residuals of its outputs.
@@ -261,8 +262,9 @@ def score(
         Step of the simulation in s; by default one that resolves the diagram.
     integrator : {"rk4", "euler", "heun"}
         Runge-Kutta method.
-    hold : {"linear", "zero", "cubic"}
-        Interpolation between samples of the inputs.
+    hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
+        Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
+        zero-order hold where an input stands still and then jumps, else straight lines or a cubic spline.
     backend : {"", "llvm", "casadi"}
         Machine code or CasADi's evaluator; by default machine code where llvmlite is installed.
 

@@ -14,12 +14,14 @@ import numpy as np
 from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_positive
 from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.data import Record
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.methods import method_named
 from tsmblocks.fitting.constraints import constraints as read_constraints
 from tsmblocks.fitting.constraints import ties as read_ties
 from tsmblocks.fitting.experiments import Experiment, compared, grid_step, lies_on_grid, prepare
+from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word
 from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import (
     Unknown,
@@ -56,6 +58,11 @@ class Setup:
     notes: tuple[str, ...]
     finer: tuple[Experiment | None, ...] = ()  # the same at half the step, where that was tried
 
+    @property
+    def hold(self) -> Hold:
+        """How inputs run between samples, for all or by input; ``"auto"`` where experiments differ."""
+        return in_one_word(common_holds((one.record, one.hold) for one in self.experiments))
+
     def prepared(self, e: int, *, record: Record | None = None, step: float | None = None) -> Experiment:
         """An experiment with another recording, or another step in s. Raises as ``prepare`` does."""
         one = self.experiments[e]
@@ -81,11 +88,11 @@ def set_up(
     window: Any = None,
     step: float | None = None,
     integrator: str = "rk4",
-    hold: str = "linear",
+    hold: Hold = AUTO,
     backend: str = "",
 ) -> Setup:
     """Every recording beside the diagram; without ``step``, one that resolves the diagram is found."""
-    for what, word in (("integrator", integrator), ("hold", hold), ("backend", backend)):
+    for what, word in (("integrator", integrator), ("backend", backend)):
         arguments.as_text(what, word)
     given = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
     eq, names, rule = equations(diagram), compared(records, diagram, given), method_named(integrator)
@@ -100,6 +107,7 @@ def set_up(
             experiment, half = at_step(step=as_positive("step", step)), None
         made.append(experiment)
         finer.append(half)
+        notes += [f"{name}: {text}" for text in hold_notes(record, experiment.hold, hold)]
         if experiment.share is not None:
             own = grid_step(record.t)
             why = (
@@ -181,7 +189,7 @@ def pose(
     window: Any = None,
     step: float | None = None,
     integrator: str = "rk4",
-    hold: str = "linear",
+    hold: Hold = AUTO,
     backend: str = "",
 ) -> tuple[Problem, Setup]:
     """The problem that a fit solves, every name checked. Arguments as for ``fit``."""

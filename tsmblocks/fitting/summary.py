@@ -11,7 +11,7 @@ from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.identifiability import Undetermined, sizes, undetermined
-from tsmblocks.fitting.input_checks import runs_ahead, standing
+from tsmblocks.fitting.input_checks import runs_ahead
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.parameters import is_start, numbers
@@ -73,7 +73,7 @@ def summarise(problem: Problem, setup: Setup, method: str, searches: list[Optimi
         agreeing=sum(abs(end.cost - best.cost) <= SAME * variance for end in searches),
         step=first.times.h,
         integrator=first.rule.name,
-        hold=first.hold,
+        hold=setup.hold,
         records={experiment.name: experiment.record for experiment in setup.experiments},
         notes=(
             *setup.notes,
@@ -224,7 +224,6 @@ def _data_notes(setup: Setup, differences: Differences) -> list[str]:
         still = [k for k in setup.diagram.inports if np.ptp(record[k]) == 0]
         said += [f"{name}: the input {k} never changes, so it excites nothing." for k in still]
         said += [f"{name}: {text}" for text in rough_inputs(record, experiment.eq)]
-        said += [f"{name}: {text}" for text in standing(record, setup.diagram.inports, experiment.hold)]
         if not setup.diagram.inports and record.t[0] != 0:
             said.append(
                 f"{name}: nothing that was measured drives the diagram. Its sources run by the clock "

@@ -128,13 +128,13 @@ class Samples:
         Increasing times [s].
     y : ndarray, shape (N,)
         Values at these times.
-    hold : {"zero", "linear", "cubic"}, default "linear"
-        Interpolation between the samples.
+    hold : {"auto", "zero", "linear", "cubic"}, default "auto"
+        Interpolation between the samples; by default it is found from them.
     """
 
     t: np.ndarray
     y: np.ndarray
-    hold: str = "linear"
+    hold: str = "auto"
 
 
 @attrs.frozen

@@ -12,6 +12,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_integer, as_list, as_number, as_positive
 from tsmblocks.common.errors import DataError, RunError, in_words, near
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.methods import Method, method_named
@@ -119,7 +120,7 @@ class RunOptions:
     start: float = 0.0
     method: str = "rk4"
     inputs: Mapping[str, Any] = attrs.field(default=None, converter=as_inputs)
-    hold: str = "linear"
+    hold: Hold = AUTO
     every: int = 1
     backend: str = ""
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import ParameterError, in_words
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Kernel, Memory
@@ -35,7 +36,7 @@ def simulate_batch(
     start: float = 0.0,
     method: str = "rk4",
     inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear",
+    hold: Hold = AUTO,
     outputs: Sequence[str] | None = None,
     reduce: Reduce | None = None,
     every: int = 1,

@@ -9,6 +9,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import ParameterError
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns
@@ -27,7 +28,7 @@ def sensitivities(
     start: float = 0.0,
     method: str = "rk4",
     inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear",
+    hold: Hold = AUTO,
     every: int = 1,
     backend: str = "",
 ) -> Sensitivities:

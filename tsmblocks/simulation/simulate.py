@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.arguments import as_callback
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.engine.events import locating
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
@@ -28,7 +29,7 @@ def simulate(
     start: float = 0.0,
     method: str = "rk4",
     inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear",
+    hold: Hold = AUTO,
     parameters: Mapping[str, Any] | None = None,
     initial: Mapping[str, float] | SavedState | None = None,
     log: str | Iterable[str] = "all",
@@ -56,8 +57,9 @@ def simulate(
         For each input of the diagram a number, values on the steps, a pair (times in s, values), Samples, a Record or a
         Run (of which the signal of that name is taken, in the unit of the input), a pandas column indexed by time in s,
         or a function of an array of times. Values are in the unit of the input.
-    hold : {"linear", "zero", "cubic"}
-        Interpolation between samples of the inputs.
+    hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
+        Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
+        zero-order hold where an input stands still and then jumps, else straight lines or a cubic spline.
     parameters : dict of str to float, optional
         Values by name that replace those of the diagram.
     initial : dict of str to float or SavedState, optional

@@ -10,6 +10,7 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError, near
 from tsmblocks.common.frames import dataset
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.model.diagram import Diagram
@@ -116,7 +117,7 @@ def responses(
     start: float = 0.0,
     method: str = "rk4",
     inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear",
+    hold: Hold = AUTO,
     every: int = 10,
     threads: int | None = None,
     backend: str = "",

@@ -13,6 +13,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_callback, as_integer
 from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.units import heading
 from tsmblocks.common.version import __version__
 from tsmblocks.engine.inputs import Signal
@@ -42,7 +43,7 @@ def study(
     start: float = 0.0,
     method: str = "rk4",
     inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear",
+    hold: Hold = AUTO,
     out: str | Path | None = None,
     executor: Executor | None = None,
     threads: int | None = None,
@@ -235,9 +236,10 @@ def _diagram_text(diagram: Diagram) -> str:
     return "\n".join([*(one.serialize() for one in functions), repr(numbers), repr(eq.periods), *eq.reads])
 
 
-def _input_text(name: str, given: Any, grid: np.ndarray, hold: str) -> str:
+def _input_text(name: str, given: Any, grid: np.ndarray, hold: Hold) -> str:
     """A text by which inputs differ: their hold, and their values at the steps."""
-    signal = Signal(name, given, grid, hold)
+    how = hold if isinstance(hold, str) else hold.get(name, AUTO)
+    signal = Signal(name, given, grid, how)
     values = np.asarray(signal.at(grid), dtype=float)
     return f"{signal.hold} {hashlib.sha256(values.tobytes()).hexdigest()}"
 

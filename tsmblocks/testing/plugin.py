@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from tsmblocks.common.interpolation import AUTO, Hold
+
 ENDING = ".tracking.toml"
 """Ending of a guard file."""
 
@@ -93,7 +95,7 @@ class Tracking:
         step: float = 1e-3,
         method: str = "rk4",
         inputs: Any = None,
-        hold: str = "linear",
+        hold: Hold = AUTO,
         parameters: Any = None,
     ) -> None:
         """Run a diagram and compare its metrics with their baseline, ``baselines/TEST_NAME.toml`` beside the test.

@@ -10,6 +10,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_callback, as_integer
 from tsmblocks.common.errors import ParameterError, RunError, in_words
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.metrics.metrics import Metric, metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
@@ -39,7 +40,7 @@ def tune(
     step: float = 1e-3,
     method: str = "rk4",
     inputs: Mapping[str, Any] | None = None,
-    hold: str = "linear",
+    hold: Hold = AUTO,
     starts: int = 4,
     seed: int = 0,
     threads: int | None = None,
@@ -73,8 +74,9 @@ def tune(
         Runge-Kutta method.
     inputs : dict of str to signal, optional
         Inputs of the diagrams, as for ``simulate``.
-    hold : {"linear", "zero", "cubic"}
-        Interpolation between samples of the inputs.
+    hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
+        Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
+        zero-order hold where an input stands still and then jumps, else straight lines or a cubic spline.
     starts, seed : int, defaults 4 and 0
         Number of searches, and seed of the random sets.
     threads : int, optional

@@ -1,0 +1,126 @@
+"""Curves through samples: a zero-order hold, straight lines or a cubic spline, and which of them a signal follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from tsmblocks.common.errors import DataError, in_words, near
+
+Hold = str | Mapping[str, str]
+"""The hold of all inputs, or those by name of the input; one that is not named is found from the samples."""
+HOLDS = ("zero", "linear", "cubic")
+"""Curves between samples by name, as ``hold`` takes them."""
+AUTO = "auto"
+"""The value of ``hold`` that leaves the curve to ``found_hold``."""
+ORDERS = {"zero": 0, "linear": 1}
+"""Highest time derivative of an input that exists with a hold; a cubic has all that blocks use."""
+SWITCHED_LEVELS = 4
+"""Values that a signal takes at most to be switched between them, whenever that happens. Chosen: a motion that was
+quantised so coarsely would be no measurement."""
+MIN_STANDING = 0.5
+"""Share of the steps from sample to sample that leave a held signal unchanged, at least. Derived: one that changes at
+every second sample; what changes more often cannot be told from a motion."""
+MIN_JUMPED = 0.9
+"""Share of its travel that a held signal makes in jumps, samples without change on both sides. Chosen: motion makes
+next to none of its travel so, except where it is quantised."""
+ONE_SIZE = 2.2
+"""Ratio of jumps up to which they may be steps of one quantum. Chosen: a quantum that was rounded once more, for
+printing, gives steps of one and of two units."""
+SMALL_SIZES = 0.05
+"""Quantile of the sizes of jumps that counts as the smallest. Chosen: a few may be parts of a step."""
+MIN_CLOCKED = 10
+"""Jumps of a held signal at least that show its period. Chosen: by chance 10 instants are multiples of a period of
+two samples in one of 1000 signals."""
+MIN_COMPARED = 9
+"""Samples at least that show which curve they lie on. Chosen: fewer leave next to none to predict."""
+
+
+def interpolation(t: np.ndarray, x: np.ndarray, kind: str) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function of time that interpolates the samples: ``"zero"``, ``"linear"`` or ``"cubic"`` (a spline)."""
+    if kind == "zero":
+        late = 1e-6 * float(np.median(np.diff(t))) if len(t) > 1 else 0.0  # rounded times are no later sample
+        return lambda at: x[np.clip(np.searchsorted(t, at + late, side="right") - 1, 0, len(t) - 1)]
+    if kind == "linear":
+        return lambda at: np.interp(at, t, x)
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(t, x)
+
+
+def is_held(x: np.ndarray) -> bool:
+    """Whether a sampled signal (n,) stands still and then jumps, as the command of a sampled controller does.
+
+    A signal rests and moves in turn without being held: its travel is then made in consecutive samples. Steps of one
+    size are those of a quantised motion, unless they come at multiples of a period.
+    """
+    d = np.diff(x)
+    size = np.abs(d)
+    moved = size > 1e-9 * float(np.ptp(x)) if len(x) else size > 0
+    if not moved.any() or not np.isfinite(size).all():
+        return False
+    if len(np.unique(x)) <= min(SWITCHED_LEVELS, (len(x) - 1) // 2):
+        return True
+    still = np.concatenate([[True], ~moved, [True]])
+    alone = moved & still[:-2] & still[2:]
+    if (~moved).mean() < MIN_STANDING or size[alone].sum() < MIN_JUMPED * size.sum():
+        return False
+    jumps = size[moved]
+    alike = jumps <= ONE_SIZE * np.quantile(jumps, SMALL_SIZES)
+    if jumps[alike].sum() < MIN_JUMPED * jumps.sum():
+        return True
+    at = np.flatnonzero(moved)
+    return len(at) >= MIN_CLOCKED and int(np.gcd.reduce(np.diff(at))) > 1
+
+
+def smooth_hold(t: np.ndarray, x: np.ndarray) -> str:
+    """``"cubic"`` or ``"linear"``, whichever predicts samples (n,) better from their neighbours.
+
+    A smooth motion is followed by a cubic, which is worse than a straight line where noise or corners are the larger
+    part of what a line leaves.
+    """
+    if len(t) < MIN_COMPARED:
+        return "linear"
+    x = x / (np.abs(x).max() or 1.0)
+    before, last, inner, following, after = t[:-6], t[2:-4], t[3:-3], t[4:-2], t[6:]
+    line = x[2:-4] + (x[4:-2] - x[2:-4]) * (inner - last) / (following - last)
+    nodes, values = (before, last, following, after), (x[:-6], x[2:-4], x[4:-2], x[6:])
+    cubic = np.zeros_like(line)
+    for k, (node, value) in enumerate(zip(nodes, values, strict=True)):
+        rest = [other for j, other in enumerate(nodes) if j != k]
+        cubic += value * np.prod([(inner - other) / (node - other) for other in rest], axis=0)
+    truth = x[3:-3]
+    return "cubic" if np.sum((cubic - truth) ** 2) < np.sum((line - truth) ** 2) else "linear"
+
+
+def found_hold(t: np.ndarray, x: np.ndarray, order: int = 0) -> str:
+    """The hold of a signal (n,), found from its samples at the times ``t`` [s].
+
+    ``"zero"`` where it stands still and then jumps (``is_held``), else as ``smooth_hold`` finds. ``order`` is the
+    highest time derivative of it that is needed, and the curve has it.
+    """
+    if order == 0 and is_held(x):
+        return "zero"
+    smooth = smooth_hold(t, x)
+    return smooth if order <= ORDERS.get(smooth, order) or len(t) < 4 else "cubic"
+
+
+def hold_of_each(hold: Hold, names: Sequence[str]) -> dict[str, str]:
+    """The hold that is given for each of the inputs. Raises DataError for an unknown hold or input."""
+    if isinstance(hold, Mapping):
+        for name in hold:
+            if name not in names:
+                raise DataError(f"hold: there is no input '{name}'.{near(name, names)}")
+        each = {name: hold.get(name, AUTO) for name in names}
+    else:
+        each = dict.fromkeys(names, hold)
+    known = (AUTO, *HOLDS)
+    for name, one in each.items():
+        if not isinstance(one, str):
+            raise DataError(
+                f"hold must be one of {', '.join(known)}, or a mapping from inputs to these, got {in_words(one)}."
+            )
+        if one not in known:
+            raise DataError(f"input '{name}': there is no hold '{one}'.{near(one, known)}")
+    return each

@@ -1,0 +1,56 @@
+"""How the inputs of recordings run between samples: as given, or as found from the samples, input by input."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+
+from tsmblocks.common.interpolation import AUTO, Hold, found_hold, hold_of_each, is_held
+from tsmblocks.data import Record
+
+
+def resolved_holds(record: Record, inputs: Iterable[str], hold: Hold, orders: Mapping[str, int]) -> dict[str, str]:
+    """The hold of each input of a recording; ``orders`` are the highest time derivatives that the diagram takes.
+
+    Raises DataError for an unknown hold, and for one of an unknown input.
+    """
+    given = hold_of_each(hold, list(inputs))
+    return {k: found_hold(record.t, record[k], orders.get(k, 0)) if v == AUTO else v for k, v in given.items()}
+
+
+def common_holds(experiments: Iterable[tuple[Record, Mapping[str, str]]]) -> dict[str, str]:
+    """The hold of each input in all experiments, ``"auto"`` where it differs; an input that rests has any."""
+    found: dict[str, set[str]] = {}
+    for record, holds in experiments:
+        for name, hold in holds.items():
+            found.setdefault(name, set()).update([hold] if np.ptp(record[name]) > 0 else [])
+    return {name: next(iter(those)) if len(those) == 1 else AUTO for name, those in found.items()}
+
+
+def in_one_word(holds: Mapping[str, str]) -> Hold:
+    """The hold of all inputs where they share one, else those by input."""
+    those = set(holds.values())
+    return dict(holds) if len(those) > 1 else those.pop() if those else AUTO
+
+
+def hold_notes(record: Record, holds: Mapping[str, str], given: Hold) -> Iterator[str]:
+    """What to know of inputs that stand still and jump: that they are held, or what it means that they are not."""
+    asked = hold_of_each(given, list(holds))
+    for name, hold in holds.items():
+        if name not in record or not is_held(record[name]):
+            continue
+        if asked[name] != AUTO:
+            if hold != "zero":
+                yield (
+                    f"the input {name} is piecewise constant, and hold='{hold}' draws each of its steps out over a "
+                    "sample interval. If it was a zero-order hold, as a controller applies its command, give "
+                    "hold='zero', or --hold zero."
+                )
+        elif hold == "zero":
+            yield f"{name} stands and jumps: held between samples (hold='zero')."
+        else:
+            yield (
+                f"{name} stands and jumps, but its rate drives the diagram: taken as {hold} between samples, which "
+                "draws each jump out over a sample interval."
+            )
