@@ -11,7 +11,7 @@ import shtab
 import tsmblocks.blocks  # noqa: F401 - importing it registers every block
 from tsmblocks.cli import common, completion, main
 from tsmblocks.cli.entry import COMMANDS, parsers
-from tsmblocks.engine.inputs import HOLDS
+from tsmblocks.common.interpolation import AUTO, HOLDS
 from tsmblocks.engine.methods import METHODS
 from tsmblocks.files.shipped import shipped_names
 from tsmblocks.fitting import fit as estimate
@@ -103,7 +103,7 @@ def test_an_option_that_takes_several_goes_on_until_the_next(offered):
 def test_what_is_offered_is_what_is_known():
     assert set(completion.NAMES) <= set(shtab.SUPPORTED_SHELLS)
     assert tuple(METHODS) == common.METHODS
-    assert HOLDS == common.HOLDS
+    assert (AUTO, *HOLDS) == common.HOLDS
     assert estimate.METHODS == common.FITS
 
 

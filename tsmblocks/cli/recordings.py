@@ -116,6 +116,7 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
     if not wanted:
         raise UsageError(f"'{shown}' has no inputs, so there is nothing that --data could drive.")
     from tsmblocks.fitting.holds import hold_notes, resolved_holds
+    from tsmblocks.fitting.recordings import with_adopted_units
     from tsmblocks.fitting.summary import rough_inputs
     from tsmblocks.simulation.compiled import equations
 
@@ -123,14 +124,25 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
     mapped = _mapped(args, [*wanted, *measured], lambda name: f"'{shown}' has no input or output '{name}'")
     only = [*wanted, *(k for k in measured if k in mapped)]
     record = read_record(args, only, also=measured, report=False, drives=wanted)
+    diagram, adopted = with_adopted_units(diagram, {record.name: record})
     _refuse_doubtful(args, record, [diagram])
+    wanted = diagram.inports
     eq = equations(diagram)
     holds = resolved_holds(record, wanted, args.hold, eq.orders)
     noisy = (with_condition_option(text, args) for text in rough_inputs(record, eq))
-    record = attrs.evolve(record, notes=(*record.notes, *noisy, *hold_notes(record, holds, args.hold)))
+    record = attrs.evolve(record, notes=(*record.notes, *adopted, *noisy, *hold_notes(record, holds, args.hold)))
     print_repairs(args, record)
     _note_assumed_units(args, [record], [diagram])
     return record, {name: record.samples(name, port.unit, holds[name]) for name, port in wanted.items()}
+
+
+def with_units_of(diagram: Any, record: Any) -> Any:
+    """The diagram with the units of a recording, if any, for signals that it gives none."""
+    if record is None:
+        return diagram
+    from tsmblocks.fitting.recordings import with_adopted_units
+
+    return with_adopted_units(diagram, {record.name: record})[0]
 
 
 def read_experiments(args: argparse.Namespace, *diagrams: Any, report: bool = True) -> dict[str, Any]:

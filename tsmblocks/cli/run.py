@@ -44,6 +44,7 @@ def execute(args: argparse.Namespace) -> int:
     out, plot = common.result_path(args.out), common.figure_path(args.plot)
     diagram = load(args.diagram).with_parameters(dict(args.settings))
     record, inputs = recordings.read_inputs(args, diagram, args.diagram)
+    diagram = recordings.with_units_of(diagram, record)
     run = _simulate(args, diagram, record, inputs, out)
     written = [str(run.save(out))] if out else []
     residuals = _residuals(diagram, run, record)

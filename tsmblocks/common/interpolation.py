@@ -21,7 +21,7 @@ SWITCHED_LEVELS = 4
 quantised so coarsely would be no measurement."""
 MIN_STANDING = 0.5
 """Share of the steps from sample to sample that leave a held signal unchanged, at least. Derived: one that changes at
-every second sample; what changes more often cannot be told from a motion."""
+every second sample; what changes more often is like a motion."""
 MIN_JUMPED = 0.9
 """Share of its travel that a held signal makes in jumps, samples without change on both sides. Chosen: motion makes
 next to none of its travel so, except where it is quantised."""

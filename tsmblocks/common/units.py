@@ -16,20 +16,61 @@ from tsmblocks.common.errors import TsmError, near
 
 Dimension = tuple[tuple[str, int], ...]
 
+INCH, POUND, GRAVITY = 0.0254, 0.45359237, 9.80665
+"""Inch [m], avoirdupois pound [kg] and standard gravity [m/s^2]: exact, by their definitions of 1959 and 1901."""
+
 _SIZES: tuple[tuple[dict[str, int], dict[str, float]], ...] = (
     ({}, {"1": 1.0, "%": 0.01}),
-    ({"rad": 1}, {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "rev": 2 * math.pi}),
+    (
+        {"rad": 1},
+        {
+            "rad": 1.0,
+            "mrad": 1e-3,
+            "urad": 1e-6,
+            "deg": math.pi / 180,
+            "arcmin": math.pi / 10800,
+            "arcsec": math.pi / 648000,
+            "rev": 2 * math.pi,
+        },
+    ),
     ({"rad": 1, "s": -1}, {"rpm": 2 * math.pi / 60}),
-    ({"s": 1}, {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}),
-    ({"s": -1}, {"Hz": 1.0, "kHz": 1e3}),
-    ({"m": 1}, {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}),
-    ({"kg": 1}, {"kg": 1.0, "g": 1e-3}),
-    ({"A": 1}, {"A": 1.0, "mA": 1e-3}),
+    ({"s": 1}, {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}),
+    ({"s": -1}, {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}),
+    ({"m": 1}, {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": INCH, "ft": 12 * INCH}),
+    ({"m": 3}, {"l": 1e-3, "ml": 1e-6}),
+    ({"kg": 1}, {"kg": 1.0, "g": 1e-3, "lb": POUND}),
+    ({"A": 1}, {"A": 1.0, "mA": 1e-3, "uA": 1e-6}),
     ({"K": 1}, {"K": 1.0}),
-    ({"kg": 1, "m": 1, "s": -2}, {"N": 1.0, "mN": 1e-3, "kN": 1e3}),
-    ({"kg": 1, "m": 2, "s": -2}, {"Nm": 1.0, "J": 1.0}),
-    ({"kg": 1, "m": 2, "s": -3}, {"W": 1.0}),
-    ({"kg": 1, "m": 2, "s": -3, "A": -1}, {"V": 1.0, "mV": 1e-3}),
+    (
+        {"kg": 1, "m": 1, "s": -2},
+        {
+            "N": 1.0,
+            "mN": 1e-3,
+            "kN": 1e3,
+            "MN": 1e6,
+            "lbf": POUND * GRAVITY,
+            "kip": 1e3 * POUND * GRAVITY,
+            "kgf": GRAVITY,
+        },
+    ),
+    (
+        {"kg": 1, "m": -1, "s": -2},
+        {
+            "Pa": 1.0,
+            "hPa": 1e2,
+            "kPa": 1e3,
+            "MPa": 1e6,
+            "GPa": 1e9,
+            "bar": 1e5,
+            "mbar": 1e2,
+            "atm": 101325.0,
+            "psi": POUND * GRAVITY / INCH**2,
+            "ksi": 1e3 * POUND * GRAVITY / INCH**2,
+        },
+    ),
+    ({"kg": 1, "m": 2, "s": -2}, {"Nm": 1.0, "J": 1.0, "kJ": 1e3}),
+    ({"kg": 1, "m": 2, "s": -3}, {"W": 1.0, "mW": 1e-3, "kW": 1e3, "hp": 550 * POUND * GRAVITY * 12 * INCH}),
+    ({"kg": 1, "m": 2, "s": -3, "A": -1}, {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3}),
     ({"kg": 1, "m": 2, "s": -3, "A": -2}, {"ohm": 1.0}),
     ({"kg": 1, "m": 2, "s": -2, "A": -2}, {"H": 1.0, "mH": 1e-3}),
 )
@@ -43,6 +84,26 @@ _SPELLINGS = {
     "ohm": ("Ohm", "Ω"),
     "um": ("µm",),
     "us": ("µs",),
+    "urad": ("µrad",),
+    "uA": ("µA",),
+    "uV": ("µV",),
+    "h": ("hr", "hour", "hours"),
+    "min": ("minute", "minutes"),
+    "rev": ("turn", "turns", "revolution", "revolutions"),
+    "rpm": ("RPM", "r/min", "U/min"),
+    "in": ("inch", "inches", '"'),
+    "ft": ("foot", "feet"),
+    "m": ("meter", "meters", "metre", "metres"),
+    "l": ("L", "liter", "litre"),
+    "lb": ("lbs", "lbm", "pound", "pounds"),
+    "lbf": ("lb_f", "lbs-force", "pound-force"),
+    "kip": ("kips", "klbf"),
+    "lbf*ft": ("ft-lb", "ft-lbf", "lb-ft", "lbf-ft"),
+    "lbf*in": ("in-lb", "in-lbf", "lb-in", "lbf-in"),
+    "N": ("newton", "newtons"),
+    "V": ("volt", "volts"),
+    "A": ("amp", "amps", "ampere"),
+    "bar": ("bars",),
 }
 _ALIAS = {other: label for label, others in _SPELLINGS.items() for other in others}
 
@@ -77,7 +138,7 @@ def parse(label: str) -> Unit:
             powers[key] = powers.get(key, 0) + n * exponent
     if not 1e-60 < factor < 1e60:  # powers of powers; a product of a few such would overflow
         raise UnitError(f"'{label}' is not a unit known here: its size cannot be held.")
-    return Unit(factor, tuple(sorted((k, n) for k, n in powers.items() if n)))
+    return Unit(factor, _sorted({k: n for k, n in powers.items() if n}))
 
 
 def _words(label: str) -> Iterator[tuple[str, int]]:
@@ -117,6 +178,28 @@ def same(a: str, b: str) -> bool:
     return x.dimension == y.dimension and math.isclose(x.factor, y.factor, rel_tol=1e-12)
 
 
+def base_unit(label: str) -> str:
+    """The unit of the same quantity without a factor: ``rad/s`` for ``deg/s``, ``m`` for ``mm``, ``Pa`` for ``psi``."""
+    unit = parse(label)
+    if unit.factor == 1:
+        return label
+    total = dict[str, int]()
+    for word, sign in _words(label):
+        name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+        _, powers = _BASE[_ALIAS.get(name, name)]
+        plain = next((k for k, (size, same_powers) in _BASE.items() if size == 1 and same_powers == powers), None)
+        for key, n in {plain: 1}.items() if plain else powers.items():
+            total[key] = total.get(key, 0) + sign * int(power or 1) * n
+    above = [k if n == 1 else f"{k}^{n}" for k, n in total.items() if n > 0 and k != "1"]
+    below = [k if n == -1 else f"{k}^{-n}" for k, n in total.items() if n < 0 and k != "1"]
+    under = f"({'*'.join(below)})" if len(below) > 1 else "".join(below)
+    return f"{'*'.join(above) or '1'}{f'/{under}' if under else ''}"
+
+
+def _sorted(powers: dict[str, int]) -> Dimension:
+    return tuple(sorted(powers.items()))
+
+
 DISPLAY_UNITS = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2"}
 """Unit -> unit in which it is displayed."""
 
@@ -144,10 +227,24 @@ _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*", re.DOTALL)
 
 
 def split_heading(text: str) -> tuple[str, str]:
-    """Name and unit of ``"x_in [deg]"`` or ``"x_in (deg)"``; the unit is ``""`` when none is given."""
+    """Name and unit of ``"x_in [deg]"`` or ``"x_in (deg)"``; the unit is ``""`` when none is given.
+
+    Round brackets that hold no unit belong to the name: ``x (cmd)``.
+    """
     match = _HEADING.fullmatch(text)
     assert match is not None  # every part is optional
+    if match[3] is not None and not is_unit(match[3]):
+        return text.strip(), ""
     return match[1], (match[2] or match[3] or "").strip()
+
+
+def is_unit(label: str) -> bool:
+    """Whether a label is a unit that is known here."""
+    try:
+        parse(label)
+    except UnitError:
+        return False
+    return True
 
 
 def heading(name: str, unit: str) -> str:

@@ -240,11 +240,7 @@ def _are_units(cells: list[str], columns: int) -> bool:
 
 
 def _is_unit(label: str) -> bool:
-    try:
-        units.parse(label)
-    except units.UnitError:
-        return label in BLANK
-    return True
+    return units.is_unit(label) or label in BLANK
 
 
 def _with_unit(text: str, unit: str) -> str:

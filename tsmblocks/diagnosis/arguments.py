@@ -18,7 +18,7 @@ from tsmblocks.effects import Effect, catalogue
 from tsmblocks.fitting.experiments import Window, compared, signal_of, span
 from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import chosen
-from tsmblocks.fitting.recordings import Data, recordings, windows, without_units
+from tsmblocks.fitting.recordings import Data, recordings, windows, with_adopted_units, without_units
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 
@@ -35,7 +35,8 @@ class Request:
 
     ``measured`` are the outputs compared; ``patterns`` the names of effects as they were given, None for all of the
     catalogue; ``noise_floors`` the given ones as (rms in the diagram's unit, text). ``spans`` holds the first and the
-    last instant compared [s] of each experiment that is compared in part.
+    last instant compared [s] of each experiment that is compared in part. ``adopted`` says which units the
+    diagram took over from the recordings.
     """
 
     diagram: Diagram
@@ -47,11 +48,13 @@ class Request:
     settings: ModelSettings
     condition: bool
     spans: Mapping[str, tuple[float, float]]
+    adopted: tuple[str, ...] = ()
 
     @property
     def notes(self) -> list[str]:
         """What to know of the recordings before anything is fitted."""
-        result = without_units(self.records, self.diagram, self.measured)
+        result = [*self.adopted]
+        result += without_units(self.records, self.diagram, self.measured)
         result += [f"{name}: {text}" for name, r in self.records.items() for text in r.notes]
         return result + [f"{k}: only {low:g} s to {high:g} s is compared." for k, (low, high) in self.spans.items()]
 
@@ -75,7 +78,8 @@ def checked(
 ) -> Request:
     """The arguments of ``tsm.diagnose`` as a request. Raises what ``tsm.diagnose`` raises for them."""
     arguments.as_callback(progress, "stage, done and of")
-    records, diagram = recordings(experiments), as_diagram(diagram)
+    records = recordings(experiments)
+    diagram, adopted = with_adopted_units(as_diagram(diagram), records)
     inside = None if window is None else windows(window, records)
     measured = _measured(records, diagram, outputs, inside)
     patterns = None if effects is None else tuple(arguments.as_names("effects", effects, "backlash"))
@@ -88,7 +92,7 @@ def checked(
     settings = ModelSettings(names, {}, (), start_states, step, integrator, hold, seed, inside)
     instants = _compared(records, inside).items()
     spans = {k: (float(t[0]), float(t[-1])) for k, t in instants if len(t) < len(records[k])}
-    return Request(diagram, records, measured, selected, patterns, floors, settings, condition, spans)
+    return Request(diagram, records, measured, selected, patterns, floors, settings, condition, spans, tuple(adopted))
 
 
 def _measured(

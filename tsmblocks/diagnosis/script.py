@@ -82,6 +82,7 @@ def literal(value: Any) -> str:
     """A value as Python code with all digits: numbers, texts, lists, blocks and diagrams of them."""
     if isinstance(value, Diagram):
         more = f", values={literal(value.values)}" if value.values else ""
+        more += f", output_units={literal(dict(value.output_units))}" if value.output_units else ""
         more += f", source={value.source!r}" if value.source else ""
         return (
             f"tsm.Diagram(title={value.title!r}, blocks={literal(value.blocks)}, "

@@ -36,7 +36,7 @@ from tsmblocks.model.wires import PlacedText
 
 FORMAT = 1
 """Version of the format that is read and written."""
-INLET_KEYS = ("ports", "unit", "about")
+INLET_KEYS, OUTLET_KEYS = ("ports", "unit", "about"), ("signal", "unit")
 """Keys of an input that is a table."""
 MOST_BLOCKS = 100_000
 """Blocks of one diagram, with those of the diagrams it uses. Chosen: far above any diagram drawn by hand."""
@@ -111,7 +111,8 @@ class DiagramPage(Page):
         read = _Sections(self, table, path, level)
         blocks, size = read.blocks()
         parts: dict[str, Any] = dict(blocks=blocks, wires=read.wires(), inputs=read.inputs())
-        parts |= dict(outputs=read.outputs(), values=read.values())
+        parts["outputs"], parts["output_units"] = read.outputs()
+        parts["values"] = read.values()
         words: dict[str, Any] = {key: self.text(table, key, path) for key in ("title", "source")}
         incomplete, unsure = read.incomplete, read.unsure
         if "blocks" in incomplete:
@@ -226,16 +227,21 @@ class _Sections:
             )
         return inputs
 
-    def outputs(self) -> dict[str, str]:
-        """The outputs."""
-        outputs: dict[str, str] = {}
-        for name, value, at in self._entries("outputs"):
+    def outputs(self) -> tuple[dict[str, str], dict[str, str]]:
+        """The outputs, and the units of those that declare one."""
+        outputs, units = dict[str, str](), dict[str, str]()
+        for name, spec, at in self._entries("outputs"):
+            value = spec
+            if isinstance(spec, dict):
+                self.page.known_keys(spec, OUTLET_KEYS, at, f"output '{clip(name)}'")
+                value, unit = spec.get("signal"), self.page.text(spec, "unit", at)
+                units |= {str(name): unit} if unit else {}
             if isinstance(value, str):
-                outputs[name] = PlacedText.at(value, self.page.place(*at))
+                outputs[name] = PlacedText.at(value, self.page.place(*at, *(["signal"] if value is not spec else [])))
             else:
                 expected = f"output '{clip(name)}' must name one signal, such as \"motor.y\""
                 self._wrong("outputs", at, expected, value)
-        return outputs
+        return outputs, {k: unit for k, unit in units.items() if k in outputs}
 
     def values(self) -> dict[str, float]:
         """The shared numbers."""

@@ -37,6 +37,7 @@ def schema() -> dict[str, Any]:
 def _diagram() -> dict[str, Any]:
     ports = {"anyOf": [_TEXT, {"type": "array", "items": _TEXT}], "description": "the port or ports it drives"}
     inlet = _table({"ports": ports, "unit": _TEXT, "about": _TEXT}, ["ports"])
+    outlet = _table({"signal": _TEXT, "unit": _TEXT}, ["signal"])
     wire = {"type": "string", "pattern": "->", "description": "a chain such as error -> pid -> drive"}
     return _table(
         {
@@ -45,7 +46,7 @@ def _diagram() -> dict[str, Any]:
             "wires": {"type": "array", "items": wire},
             "blocks": _named({"$ref": "#/$defs/block"}, "blocks by name"),
             "inputs": _named({"anyOf": [*ports["anyOf"], inlet]}, "inputs by name: the port or ports they drive"),
-            "outputs": _named(_TEXT, "outputs by name: the signal they show"),
+            "outputs": _named({"anyOf": [_TEXT, outlet]}, "outputs by name: the signal they show"),
             "values": _named({"type": "number"}, 'numbers used more than once, as "$name"'),
         },
         [],

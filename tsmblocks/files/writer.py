@@ -61,7 +61,7 @@ class _Writer:
         )
         yield from self._blocks(diagram, prefix)
         yield from _section(f"{prefix}inputs", [(k, self._inlet(k, v)) for k, v in diagram.inputs.items()])
-        yield from _section(f"{prefix}outputs", [(k, [("", toml(v))]) for k, v in diagram.outputs.items()])
+        yield from _section(f"{prefix}outputs", [(k, self._outlet(k, v, diagram)) for k, v in diagram.outputs.items()])
 
     def _blocks(self, diagram: Diagram, prefix: str) -> Iterator[str]:
         plain = [(k, self._block(f"{prefix}{k}", b)) for k, b in diagram.blocks.items() if isinstance(b, Block)]
@@ -90,6 +90,14 @@ class _Writer:
         if not words:
             return [("", ports)]
         return [("ports", ports), *((k, self.value(v, f"{name}.{k}", str)) for k, v in words.items())]
+
+    def _outlet(self, name: str, signal: str, diagram: Diagram) -> list[tuple[str, str]]:
+        unit = diagram.output_units.get(name, "")
+        return (
+            [("signal", toml(signal)), ("unit", self.value(unit, f"{name}.unit", str))]
+            if unit
+            else [("", toml(signal))]
+        )
 
     def value(self, value: Any, name: str, kind: type = object) -> str:
         """A value as TOML; one that cannot be written becomes a problem."""

@@ -19,7 +19,7 @@ from tsmblocks.data import Record
 from tsmblocks.data.noise_floor import noise_of_recordings
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import fit
-from tsmblocks.fitting.recordings import Data, recordings, training_windows, without_units
+from tsmblocks.fitting.recordings import Data, recordings, training_windows, with_adopted_units, without_units
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.score import Difference, Differences, score
 from tsmblocks.fitting.summary import rough_inputs
@@ -281,6 +281,9 @@ def compare(
     common: Any = dict(outputs=chosen, step=step, integrator=integrator, hold=hold, backend=backend)
     search: Any = dict(start_states=start_states, method=method, starts=starts, seed=seed, window=fitted, **common)
     training, rows, notes = {k: records[k] for k in fitted}, list[Row](), list[str]()
+    for name, diagram in candidates.items():
+        candidates[name], adopted = with_adopted_units(diagram, records)
+        notes += adopted
     for diagram in candidates.values():
         notes += without_units(records, diagram, [k for k in diagram.outputs if chosen is None or k in chosen])
     for name, diagram in candidates.items():

@@ -7,9 +7,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import attrs
 import numpy as np
 
-from tsmblocks.common.errors import DataError, in_words, near
+from tsmblocks.common import units
+from tsmblocks.common.errors import DataError, DiagramError, in_words, near
 from tsmblocks.data import Record, read
 from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.missing_units import assumed_units, refuse_doubtful
@@ -74,6 +76,37 @@ def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iter
     for name, record in records.items():
         refuse_doubtful(name, record, wanted)
     return [f"{name}: {text}" for name, record in records.items() for text in assumed_units(record, wanted)]
+
+
+def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple[Diagram, list[str]]:
+    """The diagram with units for recorded signals that it gives none, and a sentence for each that is converted.
+
+    A signal adopts the quantity of the recordings in its base unit (deg is converted to rad), so that it is in one
+    system of units with the signals whose units the diagram declares. Where it declares none, the numbers of the
+    recordings stay as they are.
+    """
+    if not any(unit.dimension for unit in diagram.port_units.values()):
+        return diagram, []
+    notes = list[str]()
+    for name in (*diagram.inports, *diagram.outputs):
+        labels = [r.unit(name) for r in records.values() if name in r and r.unit(name) and units.is_unit(r.unit(name))]
+        if not labels or diagram.unit(name):
+            continue
+        unit = units.base_unit(labels[0])
+        try:
+            if name in diagram.inputs:
+                inlet = attrs.evolve(diagram.inputs[name], unit=unit)
+                diagram = diagram._with(inputs={**diagram.inputs, name: inlet})
+            else:
+                diagram = diagram._with(output_units={**diagram.output_units, name: unit})
+        except DiagramError:  # a block passes on the unit of another signal, which measures something else
+            continue
+        if any(not units.same(unit, label) for label in labels):
+            notes.append(
+                f"{name} has no unit in the diagram and is taken to be in {unit} there; the recording is converted "
+                f"from {labels[0]}."
+            )
+    return diagram, notes
 
 
 def windows(given: Any, names: Iterable[str], what: str = "window") -> dict[str, Window]:

@@ -18,7 +18,7 @@ from tsmblocks.data import Record
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.experiments import signal_of, span
 from tsmblocks.fitting.inner_products import square
-from tsmblocks.fitting.recordings import recordings
+from tsmblocks.fitting.recordings import recordings, with_adopted_units
 from tsmblocks.fitting.setup import Setup, set_up
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
@@ -293,6 +293,7 @@ def score(
     """
     diagram = as_diagram(diagram, parameters)
     records = recordings(data)
+    diagram, _ = with_adopted_units(diagram, records)
     setup = set_up(
         diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend
     )

@@ -34,7 +34,7 @@ from tsmblocks.fitting.parameters import (
     unknown,
     with_ties,
 )
-from tsmblocks.fitting.recordings import Data, recordings, windows, without_units
+from tsmblocks.fitting.recordings import Data, recordings, windows, with_adopted_units, without_units
 from tsmblocks.fitting.residuals import Priors, Problem
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
@@ -194,7 +194,9 @@ def pose(
 ) -> tuple[Problem, Setup]:
     """The problem that a fit solves, every name checked. Arguments as for ``fit``."""
     diagram = as_diagram(diagram).with_parameters(arguments.as_mapping("start", start, "'tsm.theta': 3.0"))
-    records, known = recordings(data), numbers(diagram)
+    records = recordings(data)
+    diagram, adopted = with_adopted_units(diagram, records)
+    known = numbers(diagram)
     names = chosen(diagram, free)
     own = [] if local is None else chosen(diagram, local, "local")
     if arguments.as_bool("start_states", start_states):
@@ -209,6 +211,7 @@ def pose(
     setup = set_up(
         diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend
     )
+    setup = attrs.evolve(setup, notes=(*adopted, *setup.notes))
     items = _items(diagram, names, own, bounds, tuple(records))
     unknowns = with_ties(Unknowns(items, setup.eq.p, parameter_vector(setup.eq, diagram), tuple(records)), tie)
     unknowns = _delays_of_a_step(unknowns, setup)

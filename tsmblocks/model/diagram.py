@@ -101,6 +101,8 @@ class Diagram:
         Signal of each output (``"tsm.y"``).
     values : mapping of str to float, default {}
         Numbers that several parameters refer to, as ``"$theta"``.
+    output_units : mapping of str to str, default {}
+        Unit of an output where no port gives one.
     where : str, optional
         ``file:line`` for messages, by default that of the caller.
 
@@ -130,6 +132,7 @@ class Diagram:
     inputs: Mapping[str, Inlet] = attrs.field(factory=dict, converter=_inlets)
     outputs: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
     values: Mapping[str, float] = attrs.field(factory=dict, converter=_values)
+    output_units: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
     where: str = attrs.field(factory=_caller, eq=False, repr=False)
     links: tuple[Link, ...] = attrs.field(init=False, eq=frozenset, repr=False)
     inlets: Mapping[str, tuple[End, ...]] = attrs.field(init=False, eq=False, repr=False)
@@ -165,7 +168,9 @@ class Diagram:
             wrong = [f"diagrams stand inside diagrams more than {DEEPEST} deep."]
         if wrong:
             raise DiagramError(self.title, wrong, self.where)
-        checked = validation.examine(blocks, self.wires, self.inputs, self.outputs, self.values)
+        checked = validation.examine(
+            blocks, self.wires, self.inputs, self.outputs, self.values, output_units=self.output_units
+        )
         if checked.faults:
             raise DiagramError(self.title, checked.faults, self.where)
         return checked
@@ -185,7 +190,7 @@ class Diagram:
     @property
     def outports(self) -> dict[str, Output]:
         """Its outputs as ports."""
-        return {k: Output(f"signal {end_text(end)}", self._unit_of(end)) for k, end in self.shown.items()}
+        return {k: Output(f"signal {end_text(end)}", self.unit(k)) for k, end in self.shown.items()}
 
     def _unit_of(self, *ends: End) -> str:
         return next((unit_inference.unit_label(self.port_units[e]) for e in ends if e in self.port_units), "")
@@ -204,7 +209,7 @@ class Diagram:
             Its unit, ``""`` where none is known.
         """
         if signal in self.shown:
-            return self._unit_of(self.shown[signal])
+            return self.output_units.get(signal) or self._unit_of(self.shown[signal])
         if signal in self.inputs:
             return self.inports[signal].unit
         name, _, rest = signal.partition(".")
@@ -301,7 +306,9 @@ class Diagram:
 
     def _with(self, **changes: Any) -> Diagram:
         """The same diagram with some fields changed (``wires`` may hold links or text)."""
-        return Diagram(**{**self._fields(), "wires": self.links, **changes})
+        fields = {**self._fields(), "wires": self.links, **changes}
+        kept = {k: v for k, v in fields["output_units"].items() if k in fields["outputs"]}
+        return Diagram(**{**fields, "output_units": kept})
 
     def insert(
         self, name: str, block: Block | Diagram, *, after: str = "", before: str = "", wires: Iterable[str] = ()

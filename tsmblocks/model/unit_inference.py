@@ -20,7 +20,8 @@ SHARED_UNIT = re.compile(r"\?(\w+?)((?:[*/].*)?)")
 """A unit that ports of a block share: a letter, times a known unit."""
 READABLE_LABELS = (  # noqa: SIM905
     "1 rad deg rad/s deg/s rad/s^2 deg/s^2 rad*s deg*s mrad mrad/s rev rev/s V A N N*m m m/s m/s^2 m*s mm mm/s s 1/s "
-    "1/s^2 ms V*s V/s mV mA K kg N/m N*s/m N*m/rad rad/V"
+    "1/s^2 ms V*s V/s mV mA K kg N/m N*s/m N*m/rad rad/V "
+    "N kN N*m/A Pa kPa MPa bar in ft lbf psi m/V N/V N/rad"
 ).split()
 """Labels tried first for an inferred unit."""
 DIMENSIONLESS = units.Unit(1.0, ())
@@ -139,17 +140,32 @@ class _Survey:
         except units.UnitError as error:
             self.faults.append(placed(f"input '{name}': {error}", name))
 
+    def outlet(self, name: str, end: End, unit: str) -> None:
+        """Add the declared unit of an output of the diagram, which shows the signal of a port."""
+        try:
+            if not self.units.join(end, SI, units.parse(unit)):
+                other = f"output '{name}' is declared in {unit}, and its signal is in {self.label(end)}."
+                self.faults.append(placed(other, name))
+            self.labels.setdefault(end, unit)
+        except units.UnitError as error:
+            self.faults.append(placed(f"output '{name}': {error}", name))
+
     def label(self, end: End) -> str:
         """The label of a port whose unit is known."""
         return self.labels.get(end) or unit_label(self.units.known(end) or DIMENSIONLESS)
 
 
 def unit_faults(
-    links: list[Link], declared: Mapping[str, str], blocks: Mapping[str, Any], shown: Mapping[str, End]
+    links: list[Link],
+    declared: Mapping[str, str],
+    blocks: Mapping[str, Any],
+    shown: Mapping[str, End],
+    output_units: Mapping[str, str],
 ) -> tuple[list[str], dict[End, units.Unit], Interface]:
     """Faults of links that join different units, the unit of every port that has one, and the interface.
 
-    ``links`` include those from the inputs of the diagram, whose ``declared`` units are given by name. A ring in which
+    ``links`` include those from the inputs of the diagram, whose ``declared`` units are given by name, as are
+    ``output_units``. A ring in which
     only unknown units disagree is accepted, since none of its units is declared.
     """
     survey = _Survey()
@@ -158,6 +174,9 @@ def unit_faults(
     for name, unit in declared.items():
         if unit:
             survey.inlet(name, unit)
+    for name, unit in output_units.items():
+        if name in shown:
+            survey.outlet(name, shown[name], unit)
     contradicting = [x for x in links if not survey.units.join(x.source, x.target, DIMENSIONLESS)]
     wrong = [x for x in contradicting if survey.units.known(x.source) is not None]
     ends = [*survey.labels, *(end for end, _ in survey.shared), *(end for x in links for end in (x.source, x.target))]

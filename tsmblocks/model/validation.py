@@ -29,6 +29,7 @@ MAPPINGS = {
     "inputs": ("the ports they drive", "'u': 'motor.u'"),
     "outputs": ("signals", "'x': 'motor.y'"),
     "values": ("numbers", "'theta': 5.0"),
+    "output_units": ("units", "'x': 'rad'"),
 }
 """Meaning of the entries of each mapping of a diagram, and an example."""
 
@@ -52,6 +53,7 @@ def examine(
     outputs: Mapping[str, str],
     values: Mapping[str, float],
     *,
+    output_units: Mapping[str, str] | None = None,
     unsure: Collection[str] = (),
     silent: bool = False,
 ) -> Checked:
@@ -85,7 +87,9 @@ def examine(
         faults += _unconnected_faults(known, {link.target for link in every})
     faults += _value_faults(known, values, unsure)
     declared = {k: v.unit for k, v in inputs.items()}
-    bad_units, port_units, interface = unit_faults(every, declared, known, shown)
+    given = {k: unit for k, unit in (output_units or {}).items() if unit}
+    faults += [f"output_units: there is no output '{k}'.{near(k, outputs)}" for k in given if k not in outputs]
+    bad_units, port_units, interface = unit_faults(every, declared, known, shown, given)
     return Checked(links, inlets, shown, port_units, interface, [*faults, *bad_units])
 
 

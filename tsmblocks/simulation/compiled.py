@@ -26,7 +26,8 @@ def signature(diagram: Diagram) -> Any:
             shape = tuple((k, nesting(v)) for k, v in block.parameters.items())
             parts.append((name, type(block), shape, tuple(block.options.items())))
     inlets = tuple((k, v.unit, diagram.inlets[k]) for k, v in diagram.inputs.items())
-    return (tuple(parts), frozenset(diagram.links), inlets, tuple(diagram.outputs.items()), tuple(diagram.values))
+    shown = (tuple(diagram.outputs.items()), tuple(diagram.output_units.items()))
+    return (tuple(parts), frozenset(diagram.links), inlets, *shown, tuple(diagram.values))
 
 
 def equations(diagram: Diagram) -> Equations:
