@@ -231,7 +231,7 @@ def _record(source: Source, name: str, options: ReadOptions) -> Record:
     table = repaired(table)
     notes = (*source.notes, *_column_notes(places, columns, labels), *_time_notes(source, options, table), *table.notes)
     own_units = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
-    return Record(name, table.values[:, 0], dict(table.signals()), own_units, origin, notes)
+    return Record(name, table.values[:, 0], dict(table.signals()), own_units, origin, notes, table.filled)
 
 
 def _column_notes(

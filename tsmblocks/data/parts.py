@@ -136,4 +136,5 @@ def _samples_of(record: Record, kept: np.ndarray) -> Record:
     span = f"{t[0]:g} s to {t[-1]:g} s"
     note = f"Only {span} ({len(t)} of {len(record)} samples)."
     signals = {k: x[kept] for k, x in record.signals.items()}
-    return record._changed(note, name=f"{record.name}, {span}", t=t, signals=signals)
+    filled = {k: mask[kept] for k, mask in record.filled.items()}
+    return record._changed(note, name=f"{record.name}, {span}", t=t, signals=signals, filled=filled)

@@ -37,6 +37,13 @@ def _read_only_signals(signals: Mapping[str, np.ndarray]) -> Mapping[str, np.nda
     return MappingProxyType({name: _read_only(values) for name, values in signals.items()})
 
 
+def _read_only_masks(masks: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    made = {name: np.array(mask, dtype=bool) for name, mask in masks.items()}
+    for mask in made.values():
+        mask.flags.writeable = False
+    return MappingProxyType(made)
+
+
 @attrs.frozen(eq=False)
 class Record(SignalViews):
     """A measurement: signals sampled at increasing times.
@@ -57,6 +64,8 @@ class Record(SignalViews):
         Where the record comes from, as messages call it: the path of a file, for example.
     notes : tuple of str, default ()
         What was repaired or changed, one sentence each.
+    filled : mapping of str to array_like of bool, each of shape (N,), default {}
+        Samples that were not measured but interpolated, by signal. They have no weight in fits, scores and diagnoses.
 
     Raises
     ------
@@ -78,6 +87,7 @@ class Record(SignalViews):
     units: Mapping[str, str] = attrs.field(converter=_read_only_labels)
     origin: str = ""
     notes: tuple[str, ...] = ()
+    filled: Mapping[str, np.ndarray] = attrs.field(factory=dict, converter=_read_only_masks, repr=False)
 
     def __attrs_post_init__(self) -> None:
         signal_methods.refuse_unsound(self)
@@ -244,7 +254,8 @@ class Record(SignalViews):
         return written(path, self.t, self.signals, self.units, "Give it another name with renamed({…}).")
 
     def __reduce__(self) -> Any:  # mapping proxies do not pickle
-        return Record, (self.name, self.t, dict(self.signals), dict(self.units), self.origin, self.notes)
+        signals, filled = dict(self.signals), dict(self.filled)
+        return Record, (self.name, self.t, signals, dict(self.units), self.origin, self.notes, filled)
 
     def __repr__(self) -> str:
         span = f"{self.t[0]:g} to {self.t[-1]:g} s, " if len(self) else ""

@@ -81,7 +81,7 @@ def fill_gaps(table: Table) -> Table:
             f"{table.names[k]}: {plural(count, 'missing number')} ({rows_text(table.rows[missing])}) "
             f"{'were' if count > 1 else 'was'} interpolated."
         )
-        table = table.noted(note, values=values)
+        table = attrs.evolve(table.noted(note, values=values), filled={**table.filled, table.names[k]: missing})
     return table
 
 

@@ -70,7 +70,7 @@ def resampled(self: Record, step: float | None = None) -> Record:
     words = {"cubic": "cubic", "linear": "linear", "zero": "held"}
     how = "; ".join(f"{words[kind]}: {', '.join(names)}" for kind, names in used.items() if names)
     note = f"Resampled from {len(t)} to {count} samples, {step:g} s apart (interpolated; {how})."
-    return self._changed(note, t=grid, signals=signals)
+    return self._changed(note, t=grid, signals=signals, filled=_filled_on(self, grid))
 
 
 def _decimated(record: Record, grid: np.ndarray, step: float) -> Record:
@@ -83,4 +83,9 @@ def _decimated(record: Record, grid: np.ndarray, step: float) -> Record:
         f"Resampled from {len(record)} to {len(grid)} samples, {step:g} s apart, after a zero-phase low-pass at "
         f"{cutoff:.4g} Hz."
     )
-    return even._changed(note, t=grid, signals=signals)
+    return even._changed(note, t=grid, signals=signals, filled=_filled_on(record, grid))
+
+
+def _filled_on(record: Record, grid: np.ndarray) -> dict[str, np.ndarray]:
+    """Which samples on a new grid lie beside one that was not measured."""
+    return {name: np.interp(grid, record.t, mask.astype(float)) > 0 for name, mask in record.filled.items()}

@@ -109,7 +109,8 @@ def with_signal(self: Record, name: str, values: Any, unit: str = "") -> Record:
         raise DataError(f"{self.called}: signal '{name}' holds {array[bad[0]]} in sample {bad[0]}.")
     note = f"{name} was {'replaced' if name in self else 'added'}."
     labels = {k: u for k, u in {**self.units, name: unit}.items() if u}
-    return self._changed(note, signals={**self.signals, name: array}, units=labels)
+    filled = {k: mask for k, mask in self.filled.items() if k != name}
+    return self._changed(note, signals={**self.signals, name: array}, units=labels, filled=filled)
 
 
 def renamed(self: Record, names: Mapping[str, str]) -> Record:
@@ -138,7 +139,8 @@ def renamed(self: Record, names: Mapping[str, str]) -> Record:
     changes = ", ".join(f"{a} is now {b}" for a, b in names.items())
     signals = dict(zip(new, self.signals.values(), strict=True))
     labels = {names.get(k, k): u for k, u in self.units.items()}
-    return self._changed(f"Renamed: {changes}.", signals=signals, units=labels)
+    filled = {names.get(k, k): mask for k, mask in self.filled.items()}
+    return self._changed(f"Renamed: {changes}.", signals=signals, units=labels, filled=filled)
 
 
 def converted(self: Record, wanted: Mapping[str, str]) -> Record:
@@ -185,7 +187,7 @@ def refuse_unsound(record: Record) -> None:
     """
     if record.t.ndim != 1:
         raise DataError(f"{record.called}: the times must be one row of numbers, got {in_words(record.t)}.")
-    for name, array in record.signals.items():
+    for name, array in (*record.signals.items(), *record.filled.items()):
         _refuse_length(record, name, array)
     bare = [k for k in record.signals if k not in record.units]
     for lost in (k for k in record.units if k not in record.signals):

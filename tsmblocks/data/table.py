@@ -24,7 +24,8 @@ class Table:
 
     ``rows`` holds the row number of each sample and ``places`` the column number of each column,
     both counted from 1 as an editor or a spreadsheet counts them. ``tail`` and ``gaps`` are arguments of
-    ``read``, ``requested`` the columns that its arguments name.
+    ``read``, ``requested`` the columns that its arguments name. ``filled`` marks, by column, the samples that were
+    interpolated.
     """
 
     origin: str
@@ -37,6 +38,7 @@ class Table:
     tail: str = "refuse"
     gaps: str = "refuse"
     requested: frozenset[str] = frozenset()
+    filled: Mapping[str, np.ndarray] = attrs.field(factory=dict, repr=False)
 
     def column(self, k: int) -> str:
         """Return a column as a message names it."""

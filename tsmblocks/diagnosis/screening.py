@@ -179,7 +179,9 @@ class _Screening:
         for experiment, y in zip(self.problem.experiments, self.problem.output_sets(np.array(sets)), strict=True):
             for i, weight in enumerate(self.problem.weights):
                 rows = next(segments)
-                results[rows] = weight * (y[:, i] - experiment.measured[:, i, None]) - self.model.r[rows, None]
+                change = weight * (y[:, i] - experiment.measured[:, i, None])
+                counted = 1.0 if experiment.counted is None else experiment.counted[:, i, None]
+                results[rows] = counted * change - self.model.r[rows, None]
         diverged = ~(np.abs(results) < DIVERGENCE_THRESHOLD).all(axis=0)
         results[:, diverged] = 0.0  # a diverged simulation has no gain
         return results

@@ -41,7 +41,8 @@ class Experiment:
     """A recording prepared for a diagram: the inputs at every stage of every step, and what was measured when.
 
     ``measured`` has shape (samples, outputs), in the units of the diagram's ports. Sample k lies
-    ``share[k]`` of a step after step ``place[k]``.
+    ``share[k]`` of a step after step ``place[k]``. ``counted`` (samples, outputs) is 0 for samples that were not
+    measured but interpolated, and 1 for all others; None where all were measured.
     """
 
     name: str
@@ -58,6 +59,12 @@ class Experiment:
     share: np.ndarray | None = attrs.field(repr=False)
     hold: Mapping[str, str] = attrs.field(factory=dict)
     backend: str = ""
+    counted: np.ndarray | None = attrs.field(default=None, repr=False)
+
+    def residuals(self, y: np.ndarray) -> np.ndarray:
+        """Simulated less measured outputs, 0 where nothing was measured; ``y`` is (samples, outputs)."""
+        r: np.ndarray = y - self.measured
+        return r if self.counted is None else r * self.counted
 
     def outputs(self, p: np.ndarray) -> np.ndarray:
         """Simulated outputs at the instants of measurement, shape (samples, outputs)."""
@@ -94,17 +101,21 @@ class Experiment:
         """
         total = np.zeros(kernel.plan.lanes)
         with np.errstate(over="ignore", invalid="ignore"):
-            for y, measured in self._pieces(kernel, memory):
+            for y, measured, counted in self._pieces(kernel, memory):
                 for i, weight in enumerate(weights):
                     r = y[:, kernel.layout_y.span(i)]
                     np.subtract(r, measured[:, i, None], out=r)
+                    if counted is not None:
+                        r *= counted[:, i, None]
                     total = total + weight**2 * np.einsum("kl,kl->l", r, r)
         return total
 
-    def _pieces(self, kernel: Kernel, memory: Memory) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Rows at the instants of measurement, and what was measured, a few at a time: many lanes fill the caches."""
+    def _pieces(self, kernel: Kernel, memory: Memory) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray | None]]:
+        """Rows at the instants of measurement, what was measured and what counts, a few at a time: many lanes fill the
+        caches.
+        """
         if self.share is not None:
-            yield self.run(kernel, memory), self.measured
+            yield self.run(kernel, memory), self.measured, self.counted
             return
         every, kept, first = self.times.every, self.times.kept, int(self.place[0])
         pieces = max((kept - 1) // PIECE, 1)
@@ -115,7 +126,8 @@ class Experiment:
             self._advance(kernel, memory, a * every, min(b, kept - 1) * every, y[: b - a])
             if b > first:
                 lead = max(first - a, 0)
-                yield y[lead : b - a], self.measured[a + lead - first : b - first]
+                these = slice(a + lead - first, b - first)
+                yield y[lead : b - a], self.measured[these], None if self.counted is None else self.counted[these]
 
     def run(self, kernel: Kernel, memory: Memory, first: int = 0, last: int | None = None) -> np.ndarray:
         """Rows at the instants of measurement within the steps ``first`` to ``last``, which ``memory`` is then at."""
@@ -195,7 +207,16 @@ def prepare(
         None if even else exact - place,
         holds,
         backend,
+        _counted(record, outputs, cut),
     )
+
+
+def _counted(record: Record, outputs: Sequence[str], cut: slice) -> np.ndarray | None:
+    """1 for each sample of the outputs that was measured, 0 for one that was interpolated; None where all were."""
+    if not any(record.filled[k][cut].any() for k in outputs if k in record.filled):
+        return None
+    gone = [record.filled.get(k, np.zeros(len(record), dtype=bool))[cut] for k in outputs]
+    return 1.0 - np.stack(gone, axis=1)
 
 
 def _refuse_missing(record: Record, diagram: Diagram) -> None:

@@ -158,8 +158,10 @@ class _Segments:
     def _residuals(self, segment: Segment, run: SegmentRun) -> tuple[np.ndarray, np.ndarray]:
         """Weighted residuals of a segment (samples x outputs,) and their Jacobian."""
         experiment, weights = self.problem.experiments[segment.experiment], self.problem.weights
-        measured = experiment.measured[experiment.samples_within(segment.first, segment.last)]
-        r, J = (run.outputs - measured) * weights, run.derivatives * weights[None, :, None]
+        samples = experiment.samples_within(segment.first, segment.last)
+        r, J = (run.outputs - experiment.measured[samples]) * weights, run.derivatives * weights[None, :, None]
+        if experiment.counted is not None:
+            r, J = r * experiment.counted[samples], J * experiment.counted[samples][:, :, None]
         return r.ravel(), J.reshape(-1, J.shape[2])
 
     def run(self, segment: Segment, z: np.ndarray) -> SegmentRun:

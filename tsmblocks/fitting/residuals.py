@@ -88,7 +88,7 @@ class Problem:
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Weighted differences, simulation less measurement, shape (samples,)."""
         pairs = zip(runs.outputs(self.experiments, self._parameters(theta)), self.experiments, strict=True)
-        return np.concatenate([((y - e.measured) * self.weights).ravel(order="F") for y, e in pairs])
+        return np.concatenate([(e.residuals(y) * self.weights).ravel(order="F") for y, e in pairs])
 
     def jacobian(self, theta: np.ndarray, steps: np.ndarray | None = None) -> tuple[np.ndarray, Jacobian]:
         """Weighted residuals (samples,) and their derivatives (samples, unknowns).
@@ -115,10 +115,10 @@ class Problem:
         else:
             pairs = zip(runs.outputs(self.experiments, p), self._finite_differences(theta, steps), strict=True)
         for e, (y, derivatives) in enumerate(pairs):
-            measured, columns = self.experiments[e].measured, self.unknowns.columns(e)
+            r, counted, columns = self.experiments[e].residuals(y), self.experiments[e].counted, self.unknowns.columns(e)
             for i, weight in enumerate(self.weights):
                 J = derivatives[i] if weight == 1 else weight * derivatives[i]
-                yield columns, weight * (y[:, i] - measured[:, i]), J
+                yield columns, weight * r[:, i], J if counted is None else J * counted[:, i, None]
 
     def _parameters(self, theta: np.ndarray) -> np.ndarray:
         """Parameters of each experiment, shape (experiments, parameters)."""

@@ -164,6 +164,11 @@ class Differences:
         return self.items[0].unit if self._alike else ""
 
     @property
+    def is_share(self) -> bool:
+        """Whether ``rms`` is a share of the spread of the outputs, which have no unit in common."""
+        return not self._alike
+
+    @property
     def _alike(self) -> bool:
         """Whether all are of one output in one unit, so that their residuals may be pooled as they are."""
         return len({(d.unit, d.output) for d in self.items}) == 1
@@ -309,8 +314,11 @@ def simulated_differences(setup: Setup, parameters: Sequence[np.ndarray]) -> Dif
         if not np.isfinite(y).all():
             raise_cause(setup.diagram, experiment, p)
         for i, name in enumerate(setup.outputs):
-            unit, measured = setup.diagram.unit(name), experiment.measured[:, i]
-            made.append(Difference(experiment.name, name, unit, experiment.t, measured, y[:, i], driven))
+            unit, counted = setup.diagram.unit(name), experiment.counted
+            kept: Any = slice(None) if counted is None else counted[:, i] > 0
+            inputs = {k: (values[kept], label) for k, (values, label) in driven.items()}
+            t, measured, simulated = experiment.t[kept], experiment.measured[kept, i], y[kept, i]
+            made.append(Difference(experiment.name, name, unit, t, measured, simulated, inputs))
     return Differences(setup.diagram.title, tuple(made))
 
 
