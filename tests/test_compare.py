@@ -259,7 +259,7 @@ def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     assert f"and line leaves {poor.above_noise:.2g} times that: something is missing in every one. " in (
         str(poor).replace("\n", " ")
     )
-    assert "`tsmblocks diagnose line --data …`" in str(poor).replace("\n", " ")
+    assert "A diagnosis (tsm.diagnose, tsmblocks diagnose) looks for what it is." in str(poor).replace("\n", " ")
     assert poor.to_dict()["noise"] == poor.noise
 
 

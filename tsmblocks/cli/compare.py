@@ -49,7 +49,7 @@ def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
     from tsmblocks.fitting.compare import in_full, ready_made
-    from tsmblocks.fitting.text import by_file
+    from tsmblocks.fitting.text import FAR, by_file
 
     if args.each and args.held_out:
         raise common.UsageError("--each fits every file, so none can be held out; leave out --held-out.")
@@ -61,6 +61,9 @@ def execute(args: argparse.Namespace) -> int:
     results = _compare(args, models, groups)
     if not args.json:
         print(f"{_heading(args)}\n\n{by_file(results) if args.each else results['']}")
+        if not args.each and results[""].above_noise >= FAR:
+            source = next(name for name in given or ready_made() if _label(name, given) == results[""].best.name)
+            print(f"\n  {recordings.command_line('diagnose', source, args)}")
     written = _save(results, out)
     if plot:
         from tsmblocks.plots import plot_comparison, plot_each

@@ -11,6 +11,8 @@ Ctrl-C ends the search with the effects identified so far.
   tsmblocks diagnose tendon_sheath_symmetric --data a.csv b.csv \
       --noise-floor 0.05deg --effects 'backlash' 'dead_*'
   tsmblocks diagnose my_drive.toml --data run.csv --noise-floor u=20mV x=0.01deg
+  tsmblocks diagnose my_drive.toml --data a.csv b.csv --local offset.bias \
+      --set motor.kt=0.03 --bounds lag.time_constant=0.001:0.1
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsmblocks.cli import common, console, recordings
+from tsmblocks.cli import common, console, parameters, recordings
 from tsmblocks.common.errors import TsmError
 
 if TYPE_CHECKING:
@@ -32,7 +34,7 @@ OPTION_NAMES = (
     (r"^noise_floor\b", "--noise-floor"),
     (r"start=\{'([^']+)': …\}", r"another number of \1 in the diagram"),
     (r"\bfree=\['([^']+)'\]", r"--free '\1'"),
-    (r"^(free|effects)\b", r"--\1"),
+    (r"^(free|effects|local|bounds)\b", r"--\1"),
 )
 """Arguments of the function as messages name them, and the options of the command."""
 
@@ -58,6 +60,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--noise-floor", metavar="VALUE", type=noise_floor, default=[], help=noise, **common.SEVERAL)
     add("--free")
+    parameters.local_and_bounds(add)
+    add("--set", help="the value from which a parameter starts, or which it keeps")
     effects = "effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)"
     add("--effects", metavar="PATTERN", help=effects, **common.SEVERAL)
     add("--outputs", "--window")
@@ -73,12 +77,13 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.files import load
 
     folder, plot = _folder(args.out), common.figure_path(args.plot)
-    diagram = load(args.diagram)
+    diagram = load(args.diagram).with_parameters(dict(args.settings))
     records = recordings.read_experiments(args, diagram, report=False)  # they are among the notes of the diagnosis
-    names = ("free", "noise_floor", "effects", "outputs", "window", "condition", "seed", "step", "hold")
+    names = ("free", "noise_floor", "effects", "outputs", "window", "condition", "seed", "step", "hold", "local")
     try:
         with common.option_names(OPTION_NAMES), console.progress_line(_progress_text, quiet=args.json) as progress:
-            result = diagnose(diagram, records, progress=progress, **common.passed(args, *names))
+            bounds = dict(args.bounds)
+            result = diagnose(diagram, records, bounds=bounds, progress=progress, **common.passed(args, *names))
     except TsmError:
         recordings.print_repairs(args, *records.values())
         raise

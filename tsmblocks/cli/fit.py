@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsmblocks.cli import common, console, recordings
+from tsmblocks.cli import common, console, parameters, recordings
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
@@ -55,22 +55,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def _parameter_arguments(add: Callable[..., None]) -> None:
     several = partial(add, default=[], **common.SEVERAL)
     add("--free")
-    several("--local", metavar="PATTERN", help="parameters with a value of their own in each experiment")
+    parameters.local_and_bounds(add)
     add("--start-states", action="store_true", help="estimate the initial state too, in each experiment")
     add("--set", help="the value from which a parameter starts, or which it keeps")
-    sides = "bounds of a parameter; either side may be left out"
-    several("--bounds", metavar="NAME=LOW:HIGH", type=bounds, help=sides)
     several("--constraint", metavar="TEXT", help="a condition, such as 'alpha2 + A - abs(delta) > 0'")
     function = "a parameter that is a function of others, such as 'alpha2=alpha1'"
     several("--tie", metavar="NAME=EXPRESSION", type=tie, help=function)
     several("--prior", metavar="NAME=MEAN:DEVIATION", type=prior, help="a parameter's prior, of a normal distribution")
-
-
-def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
-    """``NAME=LOW:HIGH``; either may be left out."""
-    form = "NAME=LOW:HIGH, such as tsm.theta=0.1:50"
-    name, value = common.name_and_value(text, form)
-    return name, common.number_range(value, form, text)
 
 
 def prior(text: str) -> tuple[str, tuple[float, float]]:

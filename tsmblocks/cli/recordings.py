@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -49,6 +50,19 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
     if condition:
         filtered = "filter the noise of measured inputs out first, as diagnose does"
         add("--condition", dest="conditioned", action="store_true", help=filtered)
+
+
+def command_line(command: str, diagram: str, args: argparse.Namespace) -> str:
+    """A command on the same recordings, read in the same way, as a shell takes it."""
+    words = ["tsmblocks", command, diagram, "--data", *map(str, args.data)]
+    words += ["--map", *(f"{name}={column}" for name, column in args.map)] if args.map else []
+    for option, value in (("--columns", args.columns), ("--group", args.group), ("--sampling", args.sampling)):
+        words += [option, str(value)] if value is not None else []
+    first, last = args.rows
+    words += ["--rows", f"{first or ''}:{last or ''}"] if args.rows != (None, None) else []
+    for option, value in (("--tail", args.tail), ("--gaps", args.gaps)):
+        words += [option, value] if value != "refuse" else []
+    return shlex.join(words)
 
 
 def with_option_notes(result: Any, args: argparse.Namespace) -> Any:

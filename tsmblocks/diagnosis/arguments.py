@@ -17,7 +17,7 @@ from tsmblocks.diagnosis.model import ModelSettings
 from tsmblocks.effects import Effect, catalogue
 from tsmblocks.fitting.experiments import Window, compared, signal_of, span
 from tsmblocks.fitting.noise import given_floors
-from tsmblocks.fitting.parameters import chosen
+from tsmblocks.fitting.parameters import chosen, given_bounds
 from tsmblocks.fitting.recordings import Data, recordings, windows, with_adopted_units, without_units
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
@@ -75,6 +75,8 @@ def checked(
     integrator: str,
     hold: Hold,
     progress: Any,
+    bounds: Mapping[str, Any] | None = None,
+    local: Iterable[str] | None = None,
 ) -> Request:
     """The arguments of ``tsm.diagnose`` as a request. Raises what ``tsm.diagnose`` raises for them."""
     arguments.as_callback(progress, "stage, done and of")
@@ -84,12 +86,13 @@ def checked(
     measured = _measured(records, diagram, outputs, inside)
     patterns = None if effects is None else tuple(arguments.as_names("effects", effects, "backlash"))
     selected, seed = _selected(patterns), arguments.as_integer("seed", seed, 0)
-    if free is not None:
-        chosen(diagram, free)  # unknown names are refused before any work
+    own = () if local is None else tuple(arguments.as_names("local", local, "offset.*"))
+    may_change = [*chosen(diagram, free), *chosen(diagram, own, "local")]  # unknown names are refused before any work
+    given_bounds(bounds, may_change, diagram.parameters)
     floors = given_floors(noise_floor, diagram, records, measured)
     names = None if free is None else tuple(arguments.as_names("free", free, "tsm.*"))
     start_states = arguments.as_bool("start_states", start_states)
-    settings = ModelSettings(names, {}, (), start_states, step, integrator, hold, seed, inside)
+    settings = ModelSettings(names, {}, (), start_states, step, integrator, hold, seed, inside, dict(bounds or {}), own)
     instants = _compared(records, inside).items()
     spans = {k: (float(t[0]), float(t[-1])) for k, t in instants if len(t) < len(records[k])}
     return Request(diagram, records, measured, selected, patterns, floors, settings, condition, spans, tuple(adopted))

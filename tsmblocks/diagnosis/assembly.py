@@ -117,6 +117,8 @@ def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]
         "noise floor": ", ".join(floors),
         "effects": "all of the catalogue" if request.patterns is None else ", ".join(request.patterns),
         "free": "all but initial states" if settings.free is None else ", ".join(settings.free),
+        **({"bounds": ", ".join(map(str, settings.bounds))} if settings.bounds else {}),
+        **({"local": ", ".join(settings.local)} if settings.local else {}),
         "start states": "estimated for each experiment" if settings.start_states else "as in the diagram",
         "inputs": "noise filtered out (zero phase)" if request.condition else "as recorded",
         "step": f"{' to '.join(f'{h:.4g}' for h in (steps[:1] + steps[1:][-1:]))} s"

@@ -61,6 +61,8 @@ def diagnose(
     step: float | None = None,
     integrator: str = "rk4",
     hold: Hold = AUTO,
+    bounds: Mapping[str, Any] | None = None,
+    local: Iterable[str] | None = None,
     progress: ProgressCallback | None = None,
 ) -> Diagnosis:
     """Name the effect that a model lacks, add its block to the diagram, and validate it on held-out data.
@@ -103,6 +105,10 @@ def diagnose(
         Integration method, as for ``tsm.simulate``.
     hold : {"auto", "zero", "linear", "cubic"}, or mapping of str to these, default "auto"
         How inputs are interpolated between samples, one for all or by input, as for ``tsm.simulate``.
+    bounds : mapping of str to (float, float), optional
+        Lower and upper bounds of parameters of the diagram, by name or pattern, as for ``tsm.fit``.
+    local : iterable of str, optional
+        Names or patterns of parameters of the diagram with a value of their own in each experiment.
     progress : callable, optional
         Called as ``progress(stage, done, of)`` now and then.
 
@@ -146,6 +152,8 @@ def diagnose(
         step=step,
         integrator=integrator,
         hold=hold,
+        bounds=bounds,
+        local=local,
         progress=progress,
     )
     done, interrupted, notes = list[DiagnosedPart](), False, request.notes

@@ -52,7 +52,8 @@ class ModelSettings:
     ``free`` are patterns of the base's parameters (None for all but initial states); ``sigma`` is the rms noise of each
     output, which residuals are divided by; ``step`` [s] is that of the simulation, None where it is still to be chosen;
     ``seed`` is that of random starting points. ``window`` is the part [s] of each experiment that is compared, None for
-    all of it.
+    all of it. ``bounds`` are those given for parameters of the base, by name or pattern; ``local`` are patterns of
+    those that have a value of their own in each experiment.
     """
 
     free: tuple[str, ...] | None
@@ -64,16 +65,21 @@ class ModelSettings:
     hold: Hold = AUTO
     seed: int = 0
     window: Mapping[str, Window] | None = None
+    bounds: Mapping[str, Any] = attrs.field(factory=dict)
+    local: tuple[str, ...] = ()
 
     def restricted_to(self, diagram: Diagram, outputs: tuple[str, ...], sigma: Mapping[str, float]) -> ModelSettings:
         """The same for a part of the diagram: of the patterns those that name something in it."""
         free = self.free
         if free is not None:
             free = tuple(p for p in free if any(fnmatchcase(k, p) for k in diagram.parameters))
+        known = diagram.parameters
+        bounds = {p: pair for p, pair in self.bounds.items() if any(fnmatchcase(k, p) for k in known)}
+        local = tuple(p for p in self.local if any(fnmatchcase(k, p) for k in known))
         hold = self.hold
         if isinstance(hold, Mapping):
             hold = {name: one for name, one in hold.items() if name in diagram.inports}
-        return attrs.evolve(self, free=free, outputs=outputs, sigma=sigma, hold=hold)
+        return attrs.evolve(self, free=free, outputs=outputs, sigma=sigma, hold=hold, bounds=bounds, local=local)
 
 
 @attrs.frozen(eq=False)
@@ -175,14 +181,17 @@ def pose_model(
     bounds: Mapping[str, Any] | None = None,
     local: Iterable[str] | None = None,
 ) -> tuple[Problem, Setup]:
-    """The problem of fitting a diagram, weighted by the noise; ``local`` names unknowns of single experiments."""
+    """The problem of fitting a diagram, weighted by the noise; ``local`` names unknowns of single experiments.
+
+    Without ``local`` it is that of a base, with the bounds and the local parameters of the ``settings``.
+    """
     known = {k: Floor(k, v, diagram.unit(k)) for k, v in settings.sigma.items()}
     return pose(
         diagram,
         dict(records),
         free=free,
-        bounds=bounds,
-        local=local or (),
+        bounds=settings.bounds if local is None else bounds,
+        local=settings.local if local is None else local,
         start_states=settings.start_states and local is None,
         sigma=known,
         outputs=settings.outputs,

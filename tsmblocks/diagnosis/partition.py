@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
 
 import attrs
 import numpy as np
@@ -132,10 +133,13 @@ def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings
         return False
     problem, _ = pose_model(diagram, records, settings, settings.free)
     _, J = problem.jacobian(problem.unknowns.start)
-    count, kept = problem.experiments[0].measured.shape[1], np.zeros(len(problem.experiments))
+    given = {k for p in settings.local for k in diagram.parameters if fnmatchcase(k, p)}
+    unknowns, count = problem.unknowns, problem.experiments[0].measured.shape[1]
+    kept = np.zeros(len(problem.experiments))
     for e in range(len(kept)):
+        states = [i for i, k in enumerate(unknowns.own[e]) if unknowns.items[k].parameter not in given]
         for rows in problem.segments[e * count : (e + 1) * count]:
-            part = np.abs(J.own[rows])
+            part = np.abs(J.own[rows][:, states])
             tenth = max(len(part) // 10, 1)
             first, last = part[:tenth].max(axis=0), part[-tenth:].mean(axis=0)
             kept[e] = max(kept[e], np.max(last[first > 0] / first[first > 0], initial=0.0))

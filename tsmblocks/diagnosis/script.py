@@ -12,6 +12,7 @@ from tsmblocks import blocks
 from tsmblocks.blocks import Bias
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.settings import Simulated
+from tsmblocks.files import load
 from tsmblocks.files.shipped import shipped_folder
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram, Inlet
@@ -64,7 +65,7 @@ def _diagram(diagnosis: Diagnosis) -> Iterator[str]:
     first, augmented = diagnosis.first, diagnosis.augmented
     name = diagram_source(first)
     yield f"diagram = tsm.load({name!r})" if name else "# diagram: the one that was diagnosed"
-    before, after = first.parameters, augmented.parameters
+    before, after = (load(name) if name else first).parameters, augmented.parameters
     changed = {name: after[name] for name, value in before.items() if after.get(name, value) != value}
     if changed:
         yield from ("diagram = diagram.with_parameters({", *_items(changed), "})")

@@ -34,6 +34,7 @@ def verdict_sentence(segment: Segment) -> str:
         return (
             f"Unmodelled effect {between} that no block of the catalogue explains: the best removes "
             f"{percent(max(best, 0.0))} of the error above the noise floor. Residual: {along}. {_error(segment)}{ahead}"
+            " Whether another model explains it, a comparison shows: tsm.compare, or tsmblocks compare."
         )
     weak = " There is a weak excess, too small to be named with these data." if segment.excess > WEAK_EXCESS else ""
     none = f"No unmodelled effect {between} is detectable with these data."

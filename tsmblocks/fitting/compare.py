@@ -119,6 +119,11 @@ class Comparison:
             raise RunError(f"no model '{name}' was compared.{near(name, [r.name for r in self.rows])}")
         return found
 
+    @property
+    def is_share(self) -> bool:
+        """Whether figures are shares of the spread of the outputs, which have no unit in common."""
+        return any(row.train is not None and row.train.is_share for row in self)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the ranking as plain values.
 

@@ -115,7 +115,8 @@ class Problem:
         else:
             pairs = zip(runs.outputs(self.experiments, p), self._finite_differences(theta, steps), strict=True)
         for e, (y, derivatives) in enumerate(pairs):
-            r, counted, columns = self.experiments[e].residuals(y), self.experiments[e].counted, self.unknowns.columns(e)
+            experiment, columns = self.experiments[e], self.unknowns.columns(e)
+            r, counted = experiment.residuals(y), experiment.counted
             for i, weight in enumerate(self.weights):
                 J = derivatives[i] if weight == 1 else weight * derivatives[i]
                 yield columns, weight * r[:, i], J if counted is None else J * counted[:, i, None]

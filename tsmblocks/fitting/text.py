@@ -10,6 +10,7 @@ import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.tables import WIDTH, columns, listed, split_columns
+from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
 from tsmblocks.fitting.compare import Comparison, Row, overall
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
@@ -159,9 +160,9 @@ def comparison_text(comparison: Comparison) -> str:
 
 def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     """The rows of the table of models that could be fitted, the heading first: model, parameters, errors."""
-    k, unit = for_people(comparison.unit)
+    k, unit = for_people(comparison)
     whole = all(row.held_out is None for row in comparison)
-    head = ("model", "parameters", f"rms held out [{unit}]", f"rms fitted [{unit}]")
+    head = ("model", "parameters", heading("rms held out", unit), heading("rms fitted", unit))
     rows: list[tuple[str, ...]] = [(*head[:2], head[3]) if whole else head]
     vague = any(open_numbers(row.fit) for row in comparison if row.fit is not None)
     rows[0] += ("",) * vague
@@ -179,13 +180,14 @@ def _beside_noise(comparison: Comparison) -> list[str]:
     ratio, name = comparison.above_noise, comparison.best.name
     if not np.isfinite(ratio):
         return []
-    k, unit = for_people(comparison.unit)
-    noise = f"The noise of the recordings is {k * comparison.noise:.3g} {unit} rms ({comparison.noise_from})"
+    k, unit = for_people(comparison)
+    size = f"{k * comparison.noise:.3g} {unit}".rstrip()
+    noise = f"The noise of the recordings is {size} rms ({comparison.noise_from})"
     if ratio < FAR:
         return [textwrap.fill(f"{noise}; {name} leaves {ratio:.2g} times that.", WIDTH)]
     text = (
         f"{noise}, and {name} leaves {ratio:.2g} times that: something is missing in every one. "
-        f"`tsmblocks diagnose {name} --data …` (tsm.diagnose) looks for what it is."
+        "A diagnosis (tsm.diagnose, tsmblocks diagnose) looks for what it is."
     )
     return [textwrap.fill(text, WIDTH, break_on_hyphens=False)]
 
@@ -198,7 +200,7 @@ def open_numbers(fit: Fit) -> list[str]:
 
 def by_file(found: Mapping[str, Comparison]) -> str:
     """A table of models and files, each fitted alone; the best of a file has a star."""
-    k, unit = for_people(next(iter(found.values())).unit)
+    k, unit = for_people(next(iter(found.values())))
     ranked = overall(found)
     best, least = ranked[0][0], [*(one.best.figure for one in found.values()), ranked[0][1]]
     rows = [["model", *(f"{name} " for name in (*found, "all"))]]
@@ -222,8 +224,8 @@ def by_file(found: Mapping[str, Comparison]) -> str:
         if row.name == best
         for words in ([row.fault] if row.fit is None else row_doubts(row))
     ]
-    heading = f"{what} [{unit}], every file fitted alone; * is the best"
-    return "\n\n".join([heading, text, *_list("beware:", said)])
+    title = f"{heading(what, unit)}, every file fitted alone; * is the best"
+    return "\n\n".join([title, text, *_list("beware:", said)])
 
 
 def row_doubts(row: Row) -> list[str]:
@@ -236,10 +238,10 @@ def row_doubts(row: Row) -> list[str]:
     return [*said, f"the data do not determine {listed(names)}."] if names else said
 
 
-def for_people(unit: str) -> tuple[float, str]:
-    """Factor and unit in which people read an error: angles in degrees; no unit at all is a share."""
-    k, shown = units.display_unit(unit)
-    return k, shown or "of the spread"
+def for_people(comparison: Comparison) -> tuple[float, str]:
+    """Factor and unit in which people read the errors of a comparison: angles in degrees."""
+    k, shown = units.display_unit(comparison.unit)
+    return k, "of the spread" if comparison.is_share else shown
 
 
 # ---- sentences -----------------------------------------------------------------------------------

@@ -1,0 +1,78 @@
+"""What commands that search take alike: values, bounds and local parameters; and commands that they print."""
+
+import shlex
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.blocks import FirstOrderLag, Gain
+from tsmblocks.cli import main
+from tsmblocks.common.errors import ParameterError
+
+T = np.arange(0, 6, 0.02)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Two recordings of a play with an offset of its own in each; the columns have other names."""
+    monkeypatch.chdir(tmp_path)
+    x, rng = np.sin(2 * T) + 0.4 * np.sin(5.3 * T), np.random.default_rng(1)
+    model = tsm.load("tendon_sheath_linear").insert("slack", tsm.blocks.Play(half_width=0.1), before="offset")
+    for name, bias in (("a 1", 0.1), ("b", -0.2)):
+        y = tsm.simulate(model, inputs={"x_in": (T, x)}, step=0.02, parameters={"offset.bias": bias})["x_out"]
+        y = y + 0.002 * rng.standard_normal(len(T))
+        tsm.Record(name, T, {"motor": x, "tip": y}, {"motor": "rad", "tip": "rad"}).save(f"{name}.csv")
+    return tmp_path
+
+
+def test_the_command_that_a_comparison_prints_runs_as_it_is_printed(folder, capsys):
+    named = ["--map", "x_in=motor", "x_out=tip", "--rows", "1:250"]
+    assert main(["compare", "linear", "--data", "a 1.csv", *named, "--starts", "1"]) == 0
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("  tsmblocks "))
+    words = shlex.split(line)
+    assert words[:3] == ["tsmblocks", "diagnose", "tendon_sheath_linear"]
+    assert main([*words[1:], "--effects", "backlash"]) == 0
+    assert "backlash" in capsys.readouterr().out
+
+
+def test_a_diagnosis_takes_values_bounds_and_local_parameters(folder, capsys):
+    files = ["--data", "a 1.csv", "b.csv", "--map", "x_in=motor", "x_out=tip", "--noise-floor", "0.002rad"]
+    options = ["--effects", "backlash", "--set", "gain.gain=0.7", "--bounds", "gain.gain=0.5:0.9"]
+    assert main(["diagnose", "tendon_sheath_linear", *files, *options, "--local", "offset.bias", "--out", "found"]) == 0
+    assert "backlash" in capsys.readouterr().out
+    augmented = tsm.load("found/augmented.toml")
+    assert augmented.parameters["gain.gain"] <= 0.9
+    assert main(["diagnose", "tendon_sheath_linear", *files, "--bounds", "gain.gian=0:1"]) == 2
+    assert "gain.gian" in capsys.readouterr().err
+
+
+def test_local_parameters_differ_between_the_experiments_of_a_diagnosis():
+    lag = tsm.Diagram(
+        blocks={"lag": FirstOrderLag(time_constant=0.2), "gain": Gain()},
+        wires=["lag -> gain"],
+        inputs={"u": "lag"},
+        outputs={"y": "gain"},
+    )
+    rng, u = np.random.default_rng(0), np.sin(2 * T) + np.sin(0.7 * T)
+    records = {}
+    for name, k in (("one", 1.0), ("two", 2.0)):
+        y = tsm.simulate(lag, inputs={"u": (T, u)}, step=0.02, parameters={"gain.gain": k})["y"]
+        records[name] = tsm.Record(name, T, {"u": u, "y": y + 0.01 * rng.standard_normal(len(T))}, {})
+    options = {"free": ["lag.time_constant"], "noise_floor": 0.01, "effects": ["drift", "dead_time"]}
+    found = tsm.diagnose(lag, records, local=["gain.gain"], bounds={"lag.time*": (0.01, 1.0)}, **options)
+    assert found.verdict == "none"
+    gains = [found.simulated.start_states[name]["gain.gain"] for name in records]
+    assert gains == pytest.approx([1.0, 2.0], abs=0.01)
+    with pytest.raises(ParameterError, match=r"local 'gian\.gain' names no parameter"):
+        tsm.diagnose(lag, records, local=["gian.gain"], **options)
+
+
+def test_a_figure_without_unit_is_no_share():
+    """Only figures pooled over several outputs are shares of their spread."""
+    gain = tsm.Diagram(blocks={"k": Gain()}, inputs={"u": "k"}, outputs={"y": "k", "z": "k"})
+    u = np.sin(T)
+    data = tsm.Record("run", T, {"u": u, "y": 2 * u + 0.1 * u**2, "z": 2 * u}, {})
+    one, two = (tsm.compare({"k": gain}, data, outputs=names, starts=1) for names in (["y"], ["y", "z"]))
+    assert "of the spread" not in str(one)
+    assert "[of the spread]" in str(two)
