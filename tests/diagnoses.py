@@ -123,6 +123,8 @@ UNKNOWN = attrs.evolve(
     NAMED,
     verdict="unknown",
     effects=(),
+    complete=False,
+    predictable=(0.9, 0.9),
     ranking=(ranked("dead_time", 0.24),),
     gaps=(attrs.evolve(GAP, train=GAP.train[:1], held_out=GAP.held_out[:1], experiments={"full": (0.53 * DEG,)}),),
 )

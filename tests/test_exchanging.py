@@ -14,6 +14,7 @@ from tsmblocks.diagnosis.forward_selection import (
     exchange_effects,
     forward_search,
 )
+from tsmblocks.diagnosis.noise_floor import NoiseLevel
 
 ONE = TimeBlocks(np.zeros(1, int), np.zeros(1, int), np.zeros(1, int), np.ones(1))
 WORTH = 0.05
@@ -67,7 +68,7 @@ def searching(monkeypatch):
         monkeypatch.setattr(forward_selection, "with_sufficient_step", lambda model, settings: model)
         monkeypatch.setattr(forward_selection, "better_base", lambda *_: None)
         monkeypatch.setattr(forward_selection, "shrinkage_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
-        whole = SearchContext({}, None, table.effects, ONE, 1.0, lambda *_: None)
+        whole = SearchContext({}, None, table.effects, ONE, NoiseLevel(1.0, 1.0, 1.0), lambda *_: None)
         greedy = []
         forward_search(frozenset(), {}, whole, greedy)
         last = exchange_effects(greedy, whole)

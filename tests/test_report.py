@@ -129,8 +129,9 @@ def test_a_diagnosis_is_told_in_this_order():
 def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
     assert verdict_text.verdict_sentence(UNKNOWN) == (
         "Unmodelled effect between x_in and x_out that no block of the catalogue explains: the best removes 24 % of the "
-        "error above the noise floor. Residual: the error has one sign forwards and the other backwards. The error of "
-        "x_out on held-out data is 0.520 deg rms, its noise floor 0.100."
+        "error above the noise floor. Of the residual's mean square, 90 % is predicted from the recorded signals on "
+        "held-out data: the error has one sign forwards and the other backwards. The error of x_out on held-out data "
+        "is 0.520 deg rms, its noise floor 0.100."
     )
 
 
@@ -143,9 +144,16 @@ def test_the_verdict_none_says_how_close_the_noise_is():
 
 
 def test_no_coordinate_is_reported_when_none_predicts_the_residual():
-    assert "Residual: it depends on none of the coordinates examined." in verdict_text.verdict_sentence(
-        attrs.evolve(UNKNOWN, where=())
-    )
+    said = verdict_text.verdict_sentence(attrs.evolve(UNKNOWN, where=()))
+    assert "90 % is predicted from the recorded signals on held-out data. The error of x_out" in said
+
+
+def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
+    said = attrs.evolve(UNKNOWN, irregular=True, predictable=(0.0, 0.0))
+    sentence = "The residual is irregular: nothing that was recorded predicts it, and it is too large for noise."
+    assert sentence in verdict_text.verdict_sentence(said)
+    assert verdict_text.next_steps(said)[0].startswith("Record the same motion twice")
+    assert verdict_text.next_steps(NAMED) == []
 
 
 def test_several_segments_are_told_apart_with_those_that_miss_something_first():
@@ -190,12 +198,17 @@ def test_a_compensator_that_does_no_better_is_explained():
 
 def test_what_is_left_after_all_that_was_named_is_told():
     left = attrs.evolve(NAMED.gaps[0], held_out=(0.52 * DEG, 0.17 * DEG))
-    words = "That is still 1.7 times the noise floor: a residual that no effect of the catalogue explains."
-    assert words in verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
+    more = attrs.evolve(NAMED, gaps=(left,), complete=False, predictable=(0.9, 0.4))
+    predicted = "though the recorded signals predict 40 % of its mean square."
+    words = f"That is still 1.7 times the noise floor: a residual that no effect of the catalogue explains, {predicted}"
+    assert words in verdict_text.verdict_sentence(more)
+    assert verdict_text.verdict_sentence(more).startswith("Incomplete: ")
     first = tuple(r for r in NAMED.ranking if r.round == 1)
-    assert "a residual that was not examined further." in verdict_text.verdict_sentence(
-        attrs.evolve(NAMED, gaps=(left,), ranking=first)
+    assert f"a residual that was not examined further, {predicted}" in verdict_text.verdict_sentence(
+        attrs.evolve(more, ranking=first)
     )
+    slow = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
+    assert "1.7 times the noise floor, which may be slow noise: nothing that was recorded predicts it." in slow
     assert "still" not in verdict_text.verdict_sentence(NAMED)
 
 

@@ -65,7 +65,8 @@ class FittedCandidate:
     """A candidate fitted together with the base, and its held-out losses [noise variances].
 
     ``losses`` (B,) are the held-out losses by time blocks, ``experiment_losses`` (B,) those with whole experiments held
-    out; ``loss`` is the mean of ``losses`` over all samples.
+    out; ``loss`` is the mean of ``losses`` over all samples. ``tenable`` is False where noise with
+    the spectrum of the residual would let the best candidate remove as much, or the data do not determine the effect.
     """
 
     candidate: Candidate
@@ -73,6 +74,7 @@ class FittedCandidate:
     losses: np.ndarray = attrs.field(repr=False)
     experiment_losses: np.ndarray = attrs.field(repr=False)
     loss: float
+    tenable: bool = True
 
     @property
     def disqualifying_bounds(self) -> tuple[str, ...]:
@@ -106,10 +108,13 @@ def held_out_losses(model: Model, blocks: TimeBlocks, shrinkage: Shrinkage) -> t
     )
 
 
-def fitted_candidate(candidate: Candidate, model: Model, blocks: TimeBlocks, shrinkage: Shrinkage) -> FittedCandidate:
+def fitted_candidate(
+    candidate: Candidate, model: Model, blocks: TimeBlocks, shrinkage: Shrinkage, tenable: bool
+) -> FittedCandidate:
     """A fitted candidate with its losses; ``shrinkage`` is that of the effects named before."""
     losses, experiment_losses = held_out_losses(model, blocks, {**shrinkage, **shrinkage_of(candidate)})
-    return FittedCandidate(candidate, model, losses, experiment_losses, mean_loss(losses, blocks))
+    loss = mean_loss(losses, blocks)
+    return FittedCandidate(candidate, model, losses, experiment_losses, loss, tenable)
 
 
 def mean_loss(losses: np.ndarray, blocks: TimeBlocks) -> float:
@@ -170,13 +175,17 @@ def decide(
     finite = [one for one in candidates if np.isfinite(one.losses).all()]
     if not finite:
         return Verdict()
-    ranking = sorted(finite, key=lambda one: (bool(one.disqualifying_bounds), one.loss))
+    ranking = sorted(finite, key=lambda one: (bool(one.disqualifying_bounds), not one.tenable, one.loss))
     gains = np.array([base - one.losses for one in ranking])
     t, critical_value = t_statistics(gains, blocks), max_t_critical_value(gains, blocks, seed)
     before, best = mean_loss(base, blocks), ranking[0]
     removed, concentrated_size = before - best.loss, CONCENTRATED_FACTOR * MIN_VARIANCE_REDUCTION * noise_variance
     significant = t[0] > critical_value or (_concentrated(gains[0]) and removed >= concentrated_size)
-    if best.disqualifying_bounds or not _is_acceptable(removed, before, significant, noise_variance):
+    if (
+        best.disqualifying_bounds
+        or not best.tenable
+        or not _is_acceptable(removed, before, significant, noise_variance)
+    ):
         return Verdict(tuple(ranking), tuple(t), critical_value)
     largest_difference = max(DISTINGUISHABLE_GAIN_SHARE * removed, INDISTINGUISHABLE_NOISE_SHARE * noise_variance)
     tolerance = max(INDISTINGUISHABLE_NOISE_SHARE * noise_variance, INDISTINGUISHABLE_GAIN_SHARE * removed)

@@ -19,16 +19,18 @@ from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
 from tsmblocks.diagnosis.cross_validation import time_blocks
+from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.forward_selection import (
     SearchContext,
     SearchRound,
     accepted_count,
     exchange_effects,
     forward_search,
+    without_undetermined,
 )
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
-from tsmblocks.diagnosis.noise_floor import lowered_noise_floors, noise_floors, propagated_input_noise
+from tsmblocks.diagnosis.noise_floor import lowered_noise_floors, noise_floors, noise_level, propagated_input_noise
 from tsmblocks.diagnosis.partition import (
     Part,
     has_lasting_memory,
@@ -201,19 +203,24 @@ def _diagnosed(
             settings = attrs.evolve(settings, sigma=floors.sigma)
             base = _calibrated(part, records, settings, progress)
         inputs = tuple(part.diagram.inputs) if request.condition else ()
-        noise_variance = 1 + propagated_input_noise(base, raw, inputs, settings.seed)
-        search = SearchContext(records, settings, request.effects, time_blocks(base.problem), noise_variance, progress)
+        input_noise, predicted = propagated_input_noise(base, raw, inputs, settings.seed), evidence(base, settings.seed)
+        noise = noise_level(floors, input_noise, predicted.rest)
+        search = SearchContext(records, settings, request.effects, time_blocks(base.problem), noise, progress)
         forward_search(base, {}, search, rounds)
-        rounds = exchange_effects(rounds, search)
+        rounds = without_undetermined(exchange_effects(rounds, search), search)
     except KeyboardInterrupt:
         if search is None or not rounds:
             raise
         count = accepted_count(rounds, search)
-        return DiagnosedPart(part, search, floors, rounds, count, rounds[count].base), True
+        last = rounds[count].base
+        return DiagnosedPart(
+            part, search, floors, rounds, count, last, predicted, evidence(last, search.settings.seed)
+        ), True
     count = accepted_count(rounds, search)
     final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     notes += [f"{part.name}: {text}" for text in [*limit_notes(final), *more_notes]]
-    return DiagnosedPart(part, search, floors, rounds, count, final), False
+    left = evidence(final, search.settings.seed)
+    return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left), False
 
 
 def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> Mapping[str, Record]:

@@ -9,11 +9,12 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.base_search import better_base
-from tsmblocks.diagnosis.candidates import candidates, wire_signals
+from tsmblocks.diagnosis.candidates import Candidate, candidates, wire_signals
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import (
     INDISTINGUISHABLE_NOISE_SHARE,
     MIN_VARIANCE_REDUCTION,
+    SIGNIFICANCE_LEVEL,
     FittedCandidate,
     Shrinkage,
     Verdict,
@@ -23,6 +24,7 @@ from tsmblocks.diagnosis.decision import (
     mean_loss,
     shrinkage_of,
 )
+from tsmblocks.diagnosis.determined import is_determined
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import (
@@ -34,10 +36,14 @@ from tsmblocks.diagnosis.model import (
     optimized,
     with_sufficient_step,
 )
+from tsmblocks.diagnosis.noise_floor import NoiseLevel
 from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, ScreeningScore, screening_score
+from tsmblocks.diagnosis.surrogates import surrogates
 from tsmblocks.effects import Effect
 from tsmblocks.fitting.column_space import column_space
 
+SURROGATES = 99
+"""Surrogates of the residual in which every candidate is tried. Chosen: for the run time."""
 MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 MIN_FITTED_CANDIDATES = 3
@@ -100,16 +106,20 @@ class SearchRound:
 class SearchContext:
     """What all rounds share: recordings, model settings, effects, time blocks, noise.
 
-    ``noise_variance`` is the mean square of the noise, in the variances that residuals are counted in.
-    ``progress(stage, done, of)`` is the progress callback.
+    ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback.
     """
 
     records: Mapping[str, Record]
     settings: ModelSettings
     effects: Sequence[Effect]
     blocks: TimeBlocks
-    noise_variance: float
+    noise: NoiseLevel
     progress: ProgressCallback
+
+    @property
+    def noise_variance(self) -> float:
+        """Mean square of the noise, in the variances that residuals are counted in: the least that is plausible."""
+        return self.noise.low
 
 
 def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
@@ -126,12 +136,24 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
         models.append(min(ends, key=lambda m: m.mean_square))
     least = min((one.mean_square for one in models), default=0.0)
     models = [refine_memories(m, 1) if m.mean_square <= MEMORY_SEARCH_RATIO * least else m for m in models]
-    fitted = [
-        fitted_candidate(score.candidate, m, search.blocks, shrinkage) for score, m in zip(chosen, models, strict=True)
-    ]
+    limits = critical_gains(scores)
+    fitted = []
+    for score, m in zip(chosen, models, strict=True):
+        gain = (model.mean_square - m.mean_square) * len(model.r)
+        tenable = gain > limits[is_of_time(score.candidate)]
+        fitted.append(fitted_candidate(score.candidate, m, search.blocks, shrinkage, tenable))
     losses = held_out_losses(model, search.blocks, shrinkage)
     verdict = decide(losses[0], fitted, search.blocks, search.noise_variance, search.settings.seed)
+    while verdict.named is not None and not _is_determined(verdict.named, verdict.named.model):
+        fitted = [attrs.evolve(one, tenable=False) if one is verdict.named else one for one in fitted]
+        verdict = decide(losses[0], fitted, search.blocks, search.noise_variance, search.settings.seed)
     return SearchRound(model, *losses, tuple(scores), verdict)
+
+
+def _is_determined(one: FittedCandidate, model: Model) -> bool:
+    """Whether the parameters of an effect are clear of their null values in a model that holds it."""
+    nulls = {k: null for k, (null, _) in shrinkage_of(one.candidate).items() if np.isfinite(null)}
+    return is_determined(model, one.candidate, nulls)
 
 
 def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list[ScreeningScore]:
@@ -140,11 +162,35 @@ def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list
     points = insertion_points(model.fitted_diagram, search.settings.outputs, search.effects, named, measured)
     wires = wire_signals(model, points)
     base, every = column_space(model.J, SQUARED_EFFECT_TOLERANCE), candidates(model, search.effects, wires, points)
-    scores, detectable = [], MIN_VARIANCE_REDUCTION * search.noise_variance * model.problem.samples
+    scores = []
+    noise = {
+        of_time: base.project_out(surrogates(model, SURROGATES, search.settings.seed, of_time=of_time))
+        for of_time in {is_of_time(one) for one in every}
+    }
     for k, one in enumerate(every):
         search.progress("tried", k, len(every))
-        scores.append(screening_score(one, model, search.records, search.settings, wires, base, detectable))
+        own = noise[is_of_time(one)]
+        scores.append(screening_score(one, model, search.records, search.settings, wires, base, own))
     return sorted(scores, key=lambda one: -one.gain)
+
+
+def is_of_time(candidate: Candidate) -> bool:
+    """Whether a candidate is a slow function of time, as slow noise is; an oscillation is none: it keeps its phase."""
+    oscillates = any(name.rpartition(".")[2] == "frequency" for name in candidate.trials.shapes[0])
+    return candidate.effect.family == "time" and not oscillates
+
+
+def critical_gains(scores: Sequence[ScreeningScore]) -> dict[bool, float]:
+    """The gain [noise variances] that the best candidate exceeds in noise alone with a probability of 5 %.
+
+    For effects of time (True) and all others. Source: Westfall and Young, Resampling-Based Multiple Testing (1993).
+    """
+    result = {}
+    for of_time in (False, True):
+        gains = [one.noise_gains for one in scores if is_of_time(one.candidate) == of_time]
+        best = np.max(gains, axis=0) if gains else np.zeros(1)
+        result[of_time] = float(np.quantile(best, 1 - SIGNIFICANCE_LEVEL))
+    return result
 
 
 def _worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: SearchContext) -> list[ScreeningScore]:
@@ -193,7 +239,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     excess and is no mere error of form of those before: such errors are small beside the noise and beside what was
     removed. None are accepted that leave more than a candidate at a disqualifying bound would.
     """
-    noise, losses = search.noise_variance, [mean_loss(one.losses, search.blocks) for one in rounds]
+    losses = [mean_loss(one.losses, search.blocks) for one in rounds]
+    noise = attained_noise(rounds, search)
     before, count, limit = losses[0], 0, float("inf")
     for k in range(1, len(losses)):
         limit = min(limit, rounds[k - 1].verdict.out_of_bounds_loss)
@@ -213,6 +260,12 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     return count
 
 
+def attained_noise(rounds: Sequence[SearchRound], search: SearchContext) -> float:
+    """Mean square of the noise [noise variances], by the best of the models that rounds start from."""
+    best = min(rounds, key=lambda one: mean_loss(one.losses, search.blocks))
+    return search.noise.attained(mean_loss(best.losses, search.blocks), float(np.median(best.losses)))
+
+
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
     """Rounds in which every effect is still the one that would be named beside all the others.
 
@@ -229,6 +282,22 @@ def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> li
                 break
         else:
             return rounds
+    return rounds
+
+
+def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
+    """Rounds in which every accepted effect is determined beside all the others: one that is not is left out."""
+    rounds = list(rounds)
+    for _ in range(MAX_EFFECTS):
+        count = accepted_count(rounds, search)
+        named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
+        open_ones = [one for one in named if not _is_determined(one, rounds[count].base)]
+        if not open_ones:
+            break
+        others = [one for one in named if one is not open_ones[-1]]
+        made, model, shrinkage = _rounds_for(rounds[0].base, others, search)
+        last = search_round(model, shrinkage, search)
+        rounds = [*made, attrs.evolve(last, verdict=attrs.evolve(last.verdict, named=None, indistinguishable=()))]
     return rounds
 
 

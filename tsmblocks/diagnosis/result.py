@@ -167,7 +167,10 @@ class Segment:
     """The result for one part of the diagram, between measured signals.
 
     ``excess`` is the base's held-out loss above the noise [noise variances], ``ceiling`` the share of it that two
-    coordinates predict. ``fit`` is the last model as ``tsm.fit`` would return it.
+    coordinates predict. ``fit`` is the last model as ``tsm.fit`` would return it. ``predictable`` are the shares of the
+    residual of the base, and of the last model, that are predicted on held-out data from what was recorded;
+    ``complete`` is False where the last model leaves more than noise, ``irregular`` True where that is no function of
+    what was recorded. ``largest_noise`` is the largest rms noise of each output that is plausible.
     """
 
     name: str
@@ -185,6 +188,10 @@ class Segment:
     ceiling: float
     sentence: str
     fit: Fit | None = attrs.field(default=None, repr=False)
+    complete: bool = True
+    irregular: bool = False
+    predictable: tuple[float, float] = (0.0, 0.0)
+    largest_noise: Mapping[str, float] = attrs.field(factory=dict)
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -269,6 +276,11 @@ class Diagnosis:
         return {name: self.augmented.with_parameters(own) for name, own in self.start_states.items()}
 
     @property
+    def complete(self) -> bool:
+        """Whether no segment's last model leaves more than noise."""
+        return all(s.complete for s in self.segments)
+
+    @property
     def worst(self) -> Segment:
         """The segment of the verdict: with effects named, else with the largest excess."""
         return max(self.segments, key=lambda s: (s.verdict == self.verdict, len(s.effects), s.excess))
@@ -288,6 +300,7 @@ class Diagnosis:
             "windows": _json_value(self.windows),
             "seed": self.seed,
             "verdict": self.verdict,
+            "complete": self.complete,
             "sentence": self.sentence,
             "status": self.status,
             "effects": [_named_values(e, EFFECT_KEYS) for e in self.effects],
@@ -396,6 +409,10 @@ def _segment(s: Segment) -> dict[str, Any]:
         "inputs": s.inputs,
         "outputs": s.outputs,
         "verdict": s.verdict,
+        "complete": s.complete,
+        "irregular": s.irregular,
+        "predictable": {"before": s.predictable[0], "after": s.predictable[1]},
+        "largest_noise": s.largest_noise,
         "excess": s.excess,
         "sentence": s.sentence,
         "effects": [e.name for e in s.effects],

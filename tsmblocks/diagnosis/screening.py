@@ -43,8 +43,9 @@ MAX_EXTRAPOLATION = 4.0
 class ScreeningScore:
     """The screening of a candidate: ``gain`` is the predicted fall of the sum of squares [noise variances].
 
-    ``starts`` are the starting points of its fit, best first; ``detection_limit`` is the smallest detectable size of
-    the first parameter, None where these data do not excite the effect.
+    ``starts`` are the starting points of its fit, best first. ``noise_gains`` (D,) are the gains in surrogates of the
+    residual, which hold noise alone. ``shape_sizes`` holds for each shape the shape, the change of the sum of squares
+    at its trial size, and whether that size exceeds the range of an output.
     """
 
     candidate: Candidate
@@ -52,7 +53,27 @@ class ScreeningScore:
     setup: Setup
     gain: float
     starts: tuple[np.ndarray, ...]
-    detection_limit: float | None = None
+    noise_gains: np.ndarray
+    shape_sizes: tuple[tuple[Mapping[str, float], float, bool], ...] = ()
+
+    def detection_limit(self, detectable: float) -> float | None:
+        """The smallest detectable size of the first parameter, that changes the sum of squares by ``detectable``.
+
+        For the shape that excites the effect best; None where these data do not excite it.
+        """
+        trials = self.candidate.trials
+        strengths, first = trials.strengths, self.candidate.effect.free[0]
+        null = self.candidate.effect.null.get(first, np.inf)
+        sizes = []
+        for shape, sensitivity, exceeds_range in self.shape_sizes:
+            factor = float(np.sqrt(detectable / sensitivity)) if sensitivity > 0 else np.inf
+            if exceeds_range:  # smaller sizes are not in proportion to it
+                factor = max(factor, 1.0)
+            if strengths and factor < MAX_SIZE_FACTOR:
+                sizes.append(abs(next(iter(strengths.values()))) * factor)
+            elif not strengths and factor <= 1:  # towards the null; an infinite one has no proportion
+                sizes.append(null + (shape[first] - null) * factor if abs(null) < MAX_FINITE_NULL else shape[first])
+        return min(map(abs, sizes)) if sizes else None
 
 
 @attrs.frozen(eq=False)
@@ -61,7 +82,8 @@ class _ShapeTrial:
 
     ``output_change`` (N,) is the change of the outputs, ``sensitivity`` its sum of squares at the trial size with base
     parameters projected out. ``exceeds_range`` is True where the trial size moves an output beyond its recorded range,
-    as a loop does that diverges. ``theta_base_fixed`` are the unknowns with the base parameters unchanged.
+    as a loop does that diverges. ``theta_base_fixed`` are the unknowns with the base parameters unchanged;
+    ``noise_gains`` (D,) the gains in surrogates of the residual.
     """
 
     gain: float
@@ -71,6 +93,7 @@ class _ShapeTrial:
     sensitivity: float
     exceeds_range: bool
     theta_base_fixed: np.ndarray
+    noise_gains: np.ndarray
 
 
 def screening_score(
@@ -80,16 +103,20 @@ def screening_score(
     settings: ModelSettings,
     wires: WireSignals,
     base: ColumnSpace,
-    detectable: float,
+    noise: np.ndarray,
 ) -> ScreeningScore:
-    """Simulate a candidate's shapes and sizes in one batch; ``detectable`` is the least detectable sum of squares."""
+    """Simulate a candidate's shapes and sizes in one batch.
+
+    ``noise`` (N, D) are surrogates of the residual with the base projected out.
+    """
     trials, states = candidate.trials, candidate.initialised_states
     named = {f"{candidate.block}.{k}": pair for k, pair in trials.bounds.items()}
     bounds = {k: v for k, v in named.items() if settings.start_states or k in candidate.free}  # else fixed
     problem, setup = pose_extended(model, candidate.diagram, candidate.free, records, settings, bounds, states)
     screening = _Screening(candidate, problem, model, base, _starting_values(problem, model, candidate, wires))
-    shape_trials = screening.evaluated(trials.shapes)
-    detection_limit = _detection_limit(candidate, shape_trials, detectable)
+    shape_trials = screening.evaluated(trials.shapes, noise)
+    noise_gains = np.max([one.noise_gains for one in shape_trials], axis=0)
+    sizes = tuple((one.shape, one.sensitivity, one.exceeds_range) for one in shape_trials)
     shape_trials.sort(key=lambda one: -one.gain)
     for _ in range(REFINEMENT_ROUNDS if trials.refine else 0):
         shape_trials += screening.evaluated(_between(shape_trials, trials.refine))
@@ -101,23 +128,7 @@ def screening_score(
     else:
         distinct = (one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
         starts = [_better_start(problem, one) for one in [best, *distinct][:2]]
-    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), detection_limit)
-
-
-def _detection_limit(candidate: Candidate, shape_trials: Sequence[_ShapeTrial], detectable: float) -> float | None:
-    """The size at which an effect changes the sum of squares by ``detectable``, for the shape that excites it best."""
-    strengths, first = candidate.trials.strengths, candidate.effect.free[0]
-    null = candidate.effect.null.get(first, np.inf)
-    sizes = []
-    for one in shape_trials:
-        factor = float(np.sqrt(detectable / one.sensitivity)) if one.sensitivity > 0 else np.inf
-        if one.exceeds_range:  # smaller sizes are not in proportion to it
-            factor = max(factor, 1.0)
-        if strengths and factor < MAX_SIZE_FACTOR:
-            sizes.append(abs(next(iter(strengths.values()))) * factor)
-        elif not strengths and factor <= 1:  # towards the null; an infinite one has no proportion
-            sizes.append(null + (one.shape[first] - null) * factor if abs(null) < MAX_FINITE_NULL else one.shape[first])
-    return min(map(abs, sizes)) if sizes else None
+    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), noise_gains, sizes)
 
 
 def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
@@ -151,20 +162,29 @@ class _Screening:
             for i, weight in enumerate(self.problem.weights)
         )
 
-    def evaluated(self, shapes: Sequence[Mapping[str, float]]) -> list[_ShapeTrial]:
-        """Every shape with its optimum size."""
+    def evaluated(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> list[_ShapeTrial]:
+        """Every shape with its optimum size, and with its gains in the surrogates ``noise`` (N, D)."""
         single = [{name: size} for name, size in self.candidate.trials.strengths.items()] or [{}]
         changes = self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
         wide = np.ascontiguousarray(changes.T)
         inside = self.base.basis.transposed_times(changes)
         gradient = np.array([np.einsum("i,i->", row, self.model.r) for row in wide])
         gradient = gradient - inside.T @ self.base.basis.transposed_times(self.model.r)
+        by_noise = None if noise is None else noise.T @ changes.astype(noise.dtype)
         results = []
         for k, shape in enumerate(shapes):
             mine = slice(k * len(single), (k + 1) * len(single))
             m = product(wide[mine], changes[:, mine]) - inside[:, mine].T @ inside[:, mine]
-            results.append(self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine]))
+            gains = np.zeros(0) if by_noise is None else self._noise_gains(by_noise[:, mine], m)
+            results.append(self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine], gains))
         return results
+
+    def _noise_gains(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
+        """Gains (D,) of a shape with any size in surrogates, with products ``g`` (D, k) and ``m`` (k, k)."""
+        m = m + 1e-9 * np.diag(np.maximum(np.diag(m), 1e-300))
+        gains = np.einsum("ij,ij->i", g, np.linalg.lstsq(m, g.T, rcond=None)[0].T)
+        one_way = not self.candidate.trials.strengths  # the size is part of the shape, and positive
+        return np.where(g[:, 0] < 0, gains, 0.0) if one_way else gains
 
     def _unknowns_at(self, numbers: Mapping[str, float]) -> np.ndarray:
         theta = self.starting_values.copy()
@@ -187,7 +207,13 @@ class _Screening:
         return results
 
     def _sized(
-        self, shape: Mapping[str, float], z: np.ndarray, g: np.ndarray, m: np.ndarray, inside: np.ndarray
+        self,
+        shape: Mapping[str, float],
+        z: np.ndarray,
+        g: np.ndarray,
+        m: np.ndarray,
+        inside: np.ndarray,
+        noise_gains: np.ndarray,
     ) -> _ShapeTrial:
         """A shape with the sizes of its strengths at the minimum of the sum of squares.
 
@@ -209,7 +235,7 @@ class _Screening:
             gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, MAX_EXTRAPOLATION)))
         theta = np.clip(theta, unknowns.low, unknowns.high)
         exceeds_range = bool(np.abs(z[:, 0]).max(initial=0.0) > self.output_range)
-        return _ShapeTrial(gain, theta, shape, z @ size, float(m[0, 0]), exceeds_range, base_fixed)
+        return _ShapeTrial(gain, theta, shape, z @ size, float(m[0, 0]), exceeds_range, base_fixed, noise_gains)
 
     def _sizes(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
         """Factors on the trial sizes, within bounds."""

@@ -12,7 +12,15 @@ from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.cross_validation import TimeBlocks, held_out_residuals
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss, ridge_weights, shrinkage_of
 from tsmblocks.diagnosis.discrimination import separating_experiment
-from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound
+from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence
+from tsmblocks.diagnosis.forward_selection import (
+    MIN_EXCESS_SHARE,
+    SearchContext,
+    SearchRound,
+    attained_noise,
+    critical_gains,
+    is_of_time,
+)
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import NoiseFloors
 from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram
@@ -25,12 +33,8 @@ from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.model.diagram import Diagram
 
 UNKNOWN_EXCESS = 0.2
-"""Excess [noise variances] from which the verdict is "unknown". Source: set on the prototype's development seeds."""
-MIN_PREDICTABLE_SHARE = 0.3
-"""Share of the excess that coordinates must predict for that verdict where only fast noise could be estimated. Chosen:
-slow noise is not predictable by any coordinate."""
-CERTAIN_EXCESS = 5.0
-"""Excess [noise variances] from which that verdict holds for any floor. Chosen: estimates are never that wrong."""
+"""Excess over the largest noise that is plausible [noise variances] from which the verdict is "unknown", although
+nothing predicts the residual. Source: set on the prototype's development seeds."""
 INPUT_NOISE_THRESHOLD = 1e-3
 """Variance caused by input noise [output noise variances] from which it is reported. Chosen: below three digits."""
 
@@ -46,6 +50,10 @@ class DiagnosedPart:
     count: int
     final: Model
     """The last accepted model, at a step that its intervals cover."""
+    predicted: Evidence
+    """What is predicted of the base's residual."""
+    left: Evidence
+    """What is predicted of the final model's residual."""
 
     @property
     def blocks(self) -> TimeBlocks:
@@ -53,9 +61,31 @@ class DiagnosedPart:
         return self.search.blocks
 
     @property
+    def losses(self) -> list[float]:
+        """Held-out loss of the base, and after each accepted effect [noise variances]."""
+        return [mean_loss(one.losses, self.blocks) for one in self.rounds[: self.count + 1]]
+
+    @property
     def noise_variance(self) -> float:
         """Mean square of the noise [output noise variances]."""
-        return self.search.noise_variance
+        return attained_noise(self.rounds[: self.count + 1], self.search)
+
+    @property
+    def is_irregular(self) -> bool:
+        """Whether the last model leaves more than noise may be, and no function of what was recorded."""
+        return self.losses[-1] > (1 + UNKNOWN_EXCESS) * self.largest_noise and not self.leaves_predictable
+
+    @property
+    def largest_noise(self) -> float:
+        """The largest mean square of noise that is plausible in what the last model leaves [noise variances]."""
+        last = self.rounds[self.count]
+        return self.search.noise.largest(float(np.median(last.losses)))
+
+    @property
+    def leaves_predictable(self) -> bool:
+        """Whether what the last model leaves is predicted, and material beside the noise."""
+        predicted = self.final.mean_square - self.left.rest
+        return self.left.material and predicted >= MIN_PREDICTED_EXCESS * self.search.noise.low
 
     @property
     def models(self) -> list[Model]:
@@ -71,13 +101,13 @@ class DiagnosedPart:
 def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment:
     """The result of a segment."""
     noise_variance, blocks, base = diagnosed.noise_variance, diagnosed.blocks, diagnosed.models[0]
-    losses = [mean_loss(one.losses, blocks) for one in diagnosed.rounds[: diagnosed.count + 1]]
+    losses = diagnosed.losses
     excess = losses[0] / noise_variance - 1
     known = _coordinates(base, diagnosed.part)
     excess_variance = max(base.mean_square - noise_variance, 0.0)
     ceiling = explainable_share(base.r, known, blocks, excess_variance)
-    reliable = diagnosed.floors.reliable or ceiling >= MIN_PREDICTABLE_SHARE or excess > CERTAIN_EXCESS
-    verdict = "named" if diagnosed.count else "unknown" if excess > UNKNOWN_EXCESS and reliable else "none"
+    remains = diagnosed.leaves_predictable or diagnosed.is_irregular
+    verdict = "named" if diagnosed.count else "unknown" if remains else "none"
     held = _held_out(diagnosed)
     result = Segment(
         diagnosed.part.name,
@@ -85,7 +115,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         diagnosed.part.outputs,
         verdict,
         float(excess),
-        {k: v * np.sqrt(noise_variance) for k, v in diagnosed.floors.sigma.items()},
+        {k: v * np.sqrt(diagnosed.search.noise_variance) for k, v in diagnosed.floors.sigma.items()},
         tuple(_named(diagnosed, k, losses, whole_diagram) for k in range(diagnosed.count)),
         tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs))),
         residual_coordinates(base.r, known, blocks, excess_variance),
@@ -95,6 +125,10 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         ceiling,
         "",
         as_fit(diagnosed.final),
+        complete=not remains,
+        irregular=diagnosed.is_irregular,
+        predictable=(max(diagnosed.predicted.share, 0.0), max(diagnosed.left.share, 0.0)),
+        largest_noise={k: v * np.sqrt(diagnosed.largest_noise) for k, v in diagnosed.floors.sigma.items()},
     )
     return attrs.evolve(result, sentence=verdict_sentence(result))
 
@@ -180,12 +214,12 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
 
     given = diagnosed.floors.given.get(name, "")
     if given:
-        more = ", and noise of the inputs" if diagnosed.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
+        more = ", and noise of the inputs" if diagnosed.search.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
         given = f"{given} given{more}"
     return Gap(
         name,
         base.diagram.unit(name),
-        sigma * float(np.sqrt(diagnosed.noise_variance)),
+        sigma * float(np.sqrt(diagnosed.search.noise_variance)),
         diagnosed.floors.method[name],
         tuple(rms(m.r, rows) for m in diagnosed.models),
         tuple(rms(r, rows) for r in held),
@@ -262,10 +296,16 @@ def _excess(loss: float, noise_variance: float) -> float:
 
 
 def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
-    """For each effect the smallest size detectable in these experiments."""
+    """For each effect the smallest size detectable in these experiments, beside what the last model leaves."""
     found: dict[str, DetectionLimit] = {}
-    for p in diagnosed.rounds[0].screening_scores:
-        effect, limit = p.candidate.effect, p.detection_limit
+    last = diagnosed.rounds[diagnosed.count]
+    scores = last.screening_scores or diagnosed.rounds[0].screening_scores
+    by_noise, noise = critical_gains(scores), diagnosed.noise_variance
+    excess = max(diagnosed.losses[-1] - noise, 0.0)  # an effect has to remove its share of this as well
+    material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
+    for p in scores:
+        detectable = max(material * len(last.base.r), by_noise[is_of_time(p.candidate)])
+        effect, limit = p.candidate.effect, p.detection_limit(detectable)
         parameter = next(iter(p.candidate.trials.strengths), effect.free[0])
         unit = next((i.unit for i in p.problem.unknowns.items if i.parameter == f"{p.candidate.block}.{parameter}"), "")
         old = found.get(effect.name)

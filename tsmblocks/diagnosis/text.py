@@ -20,7 +20,7 @@ from tsmblocks.diagnosis.presentation import (
 )
 from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, RankedCandidate, Segment
 from tsmblocks.diagnosis.script import script_lines
-from tsmblocks.diagnosis.verdict_text import percent, segments_by_verdict, verdict_sentence
+from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence
 from tsmblocks.fitting.text import estimate_rows
 
 MAX_NAME_LENGTH, MAX_HEADING_LENGTH = 28, 14
@@ -39,7 +39,9 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     n = len(diagnosis.experiments)
     head = f"{diagnosis.diagram or 'diagram'}: {n} experiment{'s' if n > 1 else ''}"
     parts = [textwrap.fill(head, WIDTH)]
-    parts += [_filled(f"{s.verdict.upper()}. {verdict_sentence(s)}") for s in segments_by_verdict(diagnosis)]
+    for segment in segments_by_verdict(diagnosis):
+        parts.append(_filled(f"{segment.verdict.upper()}. {verdict_sentence(segment)}"))
+        parts += _bullets("next", next_steps(segment))
     several = len(diagnosis.segments) > 1
     for segment in diagnosis.segments:
         parts += [f"== {segment.name} =="] if several else []

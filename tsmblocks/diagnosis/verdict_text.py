@@ -27,18 +27,60 @@ def verdict_sentence(segment: Segment) -> str:
         effects = f"Unmodelled effect{'s' if len(named) > 1 else ''}"
         also = sorted({name for e in segment.effects for name in e.also_possible})
         possible = f"Also possible: {listed(also, 9) if also else 'no other effect of the catalogue'}."
-        return f"{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
+        first = "" if segment.complete else "Incomplete: more is missing than what is named. "
+        return f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
     if segment.verdict == "unknown":
         best = max((r.share for r in segment.ranking if r.fitted and r.round == 1), default=0.0)
-        along = "; ".join(w.words for w in segment.where) or "it depends on none of the coordinates examined"
         return (
             f"Unmodelled effect {between} that no block of the catalogue explains: the best removes "
-            f"{percent(max(best, 0.0))} of the error above the noise floor. Residual: {along}. {_error(segment)}{ahead}"
-            " Whether another model explains it, a comparison shows: tsm.compare, or tsmblocks compare."
+            f"{percent(max(best, 0.0))} of the error above the noise floor. {_shape(segment)} {_error(segment)}{ahead}"
         )
     weak = " There is a weak excess, too small to be named with these data." if segment.excess > WEAK_EXCESS else ""
     none = f"No unmodelled effect {between} is detectable with these data."
-    return f"{none} {_error(segment)}{weak}{_implausible_floor(segment)}"
+    return f"{none} {_error(segment)}{weak}{_slow_noise(segment)}{_implausible_floor(segment)}"
+
+
+def _shape(segment: Segment) -> str:
+    """What predicts the residual, and how much of it."""
+    if segment.irregular:
+        return "The residual is irregular: nothing that was recorded predicts it, and it is too large for noise."
+    along = "; ".join(w.words for w in segment.where)
+    share = f"Of the residual's mean square, {percent(segment.predictable[1])} is predicted from the recorded signals"
+    return f"{share} on held-out data{f': {along}' if along else ''}."
+
+
+def _slow_noise(segment: Segment) -> str:
+    """A remark on a residual above the noise floor that is not predicted: slow noise, or a model error."""
+    gap = worst_gap(segment)
+    if gap.given or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
+        return ""
+    return (
+        f" That is {gap.held_out[0] / gap.noise_floor:.2g} times the noise floor (from {gap.method}), but nothing that "
+        "was recorded predicts it on held-out data: slow noise of that size and a model error that does not come back "
+        "with the motion cannot be told apart."
+    )
+
+
+def next_steps(segment: Segment) -> list[str]:
+    """What to do next where a residual is not explained, or where noise and a model error cannot be told apart."""
+    given = all(gap.given for gap in segment.gaps)
+    repeat = "Record the same motion twice: a model error comes back, noise does not."
+    floor = "Give the noise of the sensor (noise_floor), from a recording at rest or from its data sheet."
+    if segment.verdict == "none":
+        return [repeat, *([] if given else [floor])] if _slow_noise(segment) else []
+    if segment.complete:
+        return []
+    if segment.irregular:
+        return [
+            repeat,
+            *([] if given else [floor]),
+            "If it does not come back: record what else may act (a load, a second input, the temperature, a supply).",
+        ]
+    return [
+        "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare.",
+        "Record more of the motion along which the error is predicted; it then shows its shape.",
+        "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
+    ]
 
 
 def _implausible_floor(segment: Segment) -> str:
@@ -86,9 +128,14 @@ def _remaining(segment: Segment, gap: Gap) -> str:
     ratio = gap.held_out[-1] / gap.noise_floor if gap.noise_floor > 0 else 1.0
     if ratio < REMAINING_ERROR_RATIO:
         return ""
+    still = f"That is still {ratio:.1f} times the noise floor"
+    if segment.complete:
+        return f"{still}, which may be slow noise: nothing that was recorded predicts it."
     searched = any(r.round > len(segment.effects) for r in segment.ranking)
     why = "that no effect of the catalogue explains" if searched else "that was not examined further"
-    return f"That is still {ratio:.1f} times the noise floor: a residual {why}."
+    share = percent(segment.predictable[1])
+    known = "" if segment.irregular else f", though the recorded signals predict {share} of its mean square"
+    return f"{still}: a residual {why}{known}."
 
 
 def _rms(value: float, unit: str) -> str:

@@ -1,0 +1,157 @@
+"""Evidence of a model error: what is predicted on held-out data, against noise of any spectrum."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+import tsmblocks as tsm
+from tsmblocks.diagnosis.evidence import evidence
+from tsmblocks.diagnosis.model import ModelSettings, calibrate
+from tsmblocks.diagnosis.surrogates import rolled, stretches_of, without_phase
+
+DEG = np.pi / 180
+SIGMA = 0.1 * DEG
+STEP = 0.02
+
+
+def motion(seed, seconds=24.0):
+    """A sum of sines of some 40 deg, which never repeats."""
+    draw = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, STEP)
+    f, phase = draw.uniform(0.1, 0.8, 4), draw.uniform(0, 2 * np.pi, 4)
+    return t, 15 * DEG * np.sin(2 * np.pi * np.outer(f, t) + phase[:, None]).sum(axis=0)
+
+
+def noise(kind, n, draw):
+    """Noise of unit rms."""
+    if kind == "white":
+        return draw.standard_normal(n)
+    if kind == "heavy":
+        return draw.standard_t(3, n) / np.sqrt(3)
+    tau = {"slow": 0.3, "very slow": 2.0}[kind]
+    a = np.exp(-STEP / tau)
+    slow = lfilter([np.sqrt(1 - a * a)], [1, -a], draw.standard_normal(n + 2000))[2000:]
+    return np.sqrt(0.5) * (slow + draw.standard_normal(n))
+
+
+def recordings(kind, seed, worn=lambda x: 0.0 * x, count=4):
+    """A gain of 0.9 with what is hidden and noise."""
+    draw, result = np.random.default_rng(seed), {}
+    for k in range(count):
+        t, x = motion(100 * seed + k)
+        t = t + 30.0 * k  # one clock
+        y = 0.9 * x + worn(x) + SIGMA * noise(kind, len(t), draw)
+        result[f"run {k}"] = tsm.Record(f"run {k}", t, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
+    return result
+
+
+def fitted(records):
+    """The linear model, fitted."""
+    settings = ModelSettings(None, {"x_out": SIGMA}, ("x_out",))
+    return calibrate(tsm.load("tendon_sheath_linear"), records, settings)
+
+
+def gap(x):
+    """What a play of half width 0.4 deg takes away."""
+    middle, y = x[0], []
+    for u in x:
+        middle = min(max(middle, u - 0.4 * DEG), u + 0.4 * DEG)
+        y.append(middle)
+    return np.array(y) - x
+
+
+def curve(x):
+    """A characteristic that no block has."""
+    return 0.15 * DEG * np.sin(x / (5 * DEG)) * np.tanh(x / (10 * DEG))
+
+
+@pytest.mark.parametrize("kind", ["white", "heavy", "slow", "very slow"])
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_of_any_spectrum_is_no_model_error(kind, seed):
+    found = evidence(fitted(recordings(kind, seed)), 0)
+    assert not found.material
+    assert found.share < 0.02
+
+
+@pytest.mark.parametrize("kind", ["white", "slow"])
+def test_a_function_of_the_motion_is_a_model_error_of_its_true_share(kind):
+    records = recordings(kind, 7, curve)
+    hidden = np.concatenate([curve(r["x_in"]) for r in records.values()])
+    true = np.var(hidden) / (np.var(hidden) + SIGMA**2)
+    found = evidence(fitted(records), 0)
+    assert found.material
+    assert found.p <= 0.005
+    assert 0.6 * true < found.share < 1.1 * true
+    assert found.rest == pytest.approx(1.0, rel=0.25)
+
+
+@given(st.integers(40, 400), st.integers(0, 10_000))
+def test_surrogates_keep_the_spectrum_and_the_squares(n, seed):
+    draw = np.random.default_rng(seed)
+    r = draw.standard_normal(n).cumsum()
+    of_input, of_time = rolled(r, 3, draw), without_phase(r, 3, draw)
+    np.testing.assert_allclose((of_input**2).sum(axis=0), np.sum(r**2), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(np.fft.rfft(of_time, axis=0)).T - np.abs(np.fft.rfft(r)), 0, atol=1e-7 * n**2)
+
+
+@given(st.lists(st.integers(100, 3000), min_size=1, max_size=12))
+def test_stretches_cover_each_experiment_once(lengths):
+    for n, parts in zip(lengths, stretches_of(lengths), strict=True):
+        assert [k for part in parts for k in range(part.start, part.stop)] == list(range(n))
+        assert len(parts) % 5 == 0
+
+
+def test_slow_noise_is_none_and_says_what_would_tell():
+    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), recordings("slow", 3), effects=["backlash", "jump", "drift"])
+    assert found.verdict == "none"
+    text = str(found)
+    assert "cannot be told apart" in " ".join(text.split())
+    assert "Record the same motion twice" in " ".join(text.split())
+
+
+def test_what_is_predicted_and_in_no_catalogue_is_unknown_with_its_shape():
+    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), recordings("slow", 3, curve), effects=["jump", "dead_time"])
+    segment = found.worst
+    assert found.verdict == "unknown"
+    assert not found.complete
+    assert not segment.irregular
+    assert 0.2 < segment.predictable[0] < 0.8
+    assert "is predicted from the recorded signals on held-out data" in found.sentence
+    assert "tsmblocks compare" in str(found)
+    assert found.to_dict()["complete"] is False
+
+
+def test_what_nothing_predicts_is_irregular_where_the_noise_is_known():
+    records = recordings("slow", 3)
+    model = tsm.load("tendon_sheath_linear")
+    found = tsm.diagnose(model, records, noise_floor=0.5 * SIGMA, effects=["jump", "dead_time"])
+    assert found.verdict == "unknown"
+    assert found.worst.irregular
+    assert "irregular" in found.sentence
+
+
+def test_what_is_named_beside_an_error_of_another_kind_is_incomplete():
+    def worn(x):
+        return gap(x) + 2 * curve(x)
+
+    model = tsm.load("tendon_sheath_linear")
+    found = tsm.diagnose(model, recordings("slow", 4, worn), effects=["backlash", "jump"])
+    if found.verdict == "named":
+        assert not found.complete
+        assert found.sentence.startswith("Incomplete: more is missing than what is named.")
+    else:
+        assert found.verdict == "unknown"
+
+
+@pytest.mark.parametrize("kind", ["white", "slow"])
+def test_a_jump_of_one_and_a_half_times_its_detection_limit_is_named(kind):
+    """The limit counts the model error that is left: it is far above that of the noise alone."""
+    records, model, effects = recordings(kind, 5, curve), tsm.load("tendon_sheath_linear"), ["jump", "backlash"]
+    first = tsm.diagnose(model, records, effects=effects)
+    assert first.verdict != "named"
+    limit = {m.name: m.value for m in first.worst.limits}["jump"]
+    jumped = {k: r.with_signal("x_out", r["x_out"] + 1.5 * limit * (r.t > 71.0)) for k, r in records.items()}
+    found = tsm.diagnose(model, jumped, effects=effects)
+    assert [e.name for e in found.effects] == ["jump"]

@@ -1,0 +1,50 @@
+"""Whether the parameters of an effect are determined by the data: clear of the values at which there is no effect."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tsmblocks.fitting.statistics import uncertainty
+
+if TYPE_CHECKING:
+    from tsmblocks.diagnosis.candidates import Candidate
+    from tsmblocks.diagnosis.model import Model
+
+SIGNIFICANCE_LEVEL = 0.05
+"""Probability that an effect of size zero is taken for determined. Chosen: that of the intervals that are reported."""
+MIN_EIGENVALUE_SHARE = 1e-10
+"""Share of a correlation matrix's largest eigenvalue below which a direction is one with another. Chosen: rounding."""
+
+
+def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float]) -> bool:
+    r"""Whether the confidence region of an effect's parameters excludes the values at which there is no effect.
+
+    .. math:: \tfrac{1}{q} (\theta - \theta_0)^T C^{-1} (\theta - \theta_0) > F_{0.95}(q, \nu)
+
+    ``nulls`` are those values by full name, of the parameters that have a finite one. Where there are none (a limit
+    that never acts is at infinity) the effect is judged by its held-out losses alone. The covariance allows for
+    autocorrelated residuals. Source: Seber and Wild, Nonlinear Regression (1989), 5.1.
+    """
+    items = model.problem.unknowns.items
+    own = [k for k, item in enumerate(items) if item.parameter in nulls and item.parameter in candidate.free]
+    if not own or len(model.r) <= len(model.theta):
+        return True
+    from scipy.special import fdtri
+
+    held = np.eye(len(model.theta))[model.at_bound & ~np.isin(np.arange(len(items)), own)]
+    estimate = uncertainty(model.J, model.r, model.problem.segments, held=held if len(held) else None)
+    covariance = estimate.covariance[np.ix_(own, own)]
+    seen = np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
+    if not seen.any():
+        return False
+    off = np.array([model.theta[k] - nulls[items[k].parameter] for k in own])[seen]
+    spread = np.sqrt(np.diag(covariance)[seen])
+    values, vectors = np.linalg.eigh(covariance[np.ix_(seen, seen)] / np.outer(spread, spread))
+    kept = values > MIN_EIGENVALUE_SHARE * values[-1]
+    distance = (vectors[:, kept].T @ (off / spread)) ** 2 / values[kept]
+    freedom = float(np.min(estimate.freedom[np.array(own)[seen]]))
+    q = int(kept.sum())
+    critical = float(fdtri(q, min(freedom, 1e9), 1 - SIGNIFICANCE_LEVEL))
+    return bool(distance.sum() / q > critical)

@@ -1,0 +1,222 @@
+"""Evidence of a model error: whether the residual can be predicted, on data held out, from what was recorded.
+
+A model error comes back where the motion comes back; noise does not, whatever its spectrum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.surrogates import FOLDS, rolled, rows_of_experiments, stretches_of
+
+DRAWS = 199
+"""Surrogates of the residual. Chosen: the 99 % quantile is the second largest."""
+SIGNIFICANCE_LEVEL = 0.01
+"""Probability that noise is taken for a model error. Chosen: below the 2 % that are allowed in all."""
+MIN_PREDICTED_EXCESS = 0.05
+"""Predicted part of the residual's mean square over the rest, below which a model error is not material. Chosen: the
+excess below which no effect is named either."""
+RIDGES = (1e-3, 1e-2, 1e-1, 1.0)
+"""Ridge weights on features of unit variance, of which the best is taken, for the surrogates as well. Chosen."""
+PLAY_WIDTHS = (0.003, 0.01, 0.03, 0.08, 0.15, 0.3, 0.6)
+"""Half widths of plays [half ranges of the signal]. Chosen: from far below any gap to most of the motion."""
+TIME_CONSTANTS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
+"""Delays and time constants of lags [s]. Chosen: those of mechanisms."""
+SMOOTHING_TIME = 0.04
+"""Time [s] over which a signal is averaged before it is differentiated. Chosen: below most time constants."""
+RIPPLE_COUNT = 6
+"""Harmonics of a ripple over the position. Chosen."""
+RIPPLE_PERIOD = 1.3
+"""Longest period of a ripple [half ranges]. Chosen: incommensurate with the range."""
+DIRECTION_STEEPNESS = 10.0
+"""Steepness of the change of direction [1 / rms speed]. Chosen: resolved at usual sampling."""
+MIN_HALF_RANGE = 1e-12
+"""Half range of a signal, in its unit, up to which it is at rest. Chosen: rounding."""
+SAME_SIGNAL = 0.9999
+"""Correlation from which two signals are one for this purpose. Chosen."""
+
+
+@attrs.frozen
+class Evidence:
+    """How much of a residual is predicted on held-out stretches.
+
+    ``share`` is the share of the mean square that is predicted (below zero: none), ``critical`` the share that is
+    exceeded with noise alone with a probability of 1 %, ``p`` the share of surrogates that reach ``share``. ``rest`` is
+    the mean square that is not predicted, ``by_output`` the share of each output.
+    """
+
+    share: float
+    critical: float
+    p: float
+    rest: float
+    by_output: tuple[float, ...]
+
+    @property
+    def significant(self) -> bool:
+        """Whether the residual holds a model error."""
+        return self.share > max(self.critical, 0.0)
+
+    @property
+    def material(self) -> bool:
+        """Whether it is significant, and large enough to be of interest."""
+        return self.significant and self.share >= MIN_PREDICTED_EXCESS * (1 - self.share)
+
+
+def evidence(model: Model, seed: int) -> Evidence:
+    """Predict the residual of a model from its inputs and outputs, by ridge regression on held-out stretches.
+
+    Features are powers, rates, directions, plays of several widths, lags and ripples of each signal. The share that is
+    predicted is held against that of surrogates of the residual.
+    """
+    draw = np.random.default_rng(seed)
+    every = [_regression(model, output, draw) for output in range(len(model.setup.outputs))]
+    total = np.sum([squares for _, squares in every], axis=0)
+    rest = np.sum([error for error, _ in every], axis=0)
+    share = 1 - rest / np.maximum(total, 1e-300)
+    found, null = float(share[0]), share[1:]
+    return Evidence(
+        found,
+        float(np.quantile(null, 1 - SIGNIFICANCE_LEVEL)),
+        float((1 + np.sum(null >= found)) / (len(null) + 1)),
+        float(rest[0] / len(model.r)) if found > 0 else model.mean_square,
+        tuple(float(1 - error[0] / max(squares[0], 1e-300)) for error, squares in every),
+    )
+
+
+def _regression(model: Model, output: int, draw: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Squared error and sum of squares, each (1 + draws,), of one output's residual and of its surrogates."""
+    groups = rows_of_experiments(model, output)
+    cuts = stretches_of([len(rows) for rows in groups])
+    gram: np.ndarray | None = None
+    for k, (rows, own, columns) in enumerate(zip(groups, cuts, _features(model), strict=True)):
+        z = np.column_stack([columns, np.ones(len(rows))])
+        if gram is None:
+            gram, moment = np.zeros((FOLDS, z.shape[1], z.shape[1])), np.zeros((FOLDS, z.shape[1], 1 + DRAWS))
+            squares = np.zeros(1 + DRAWS)
+        for j, part in enumerate(own):
+            r = model.r[rows[part]]
+            both = np.column_stack([r, rolled(r, DRAWS, draw)])
+            fold = (j + k) % FOLDS
+            gram[fold] += z[part].T @ z[part]
+            moment[fold] += z[part].T @ both
+            squares += np.einsum("ij,ij->j", both, both)
+    if gram is None or gram.shape[1] == 1:  # nothing moves
+        return squares, squares
+    return _held_out_error(gram, moment, squares), squares
+
+
+def _held_out_error(gram: np.ndarray, moment: np.ndarray, squares: np.ndarray) -> np.ndarray:
+    """Sum of squared errors (D,) of the best ridge regression, from moments of each fold (F, p, p), (F, p, D).
+
+    Features are scaled to unit variance by their moments; the last one is the constant.
+    """
+    total, moments = gram.sum(axis=0), moment.sum(axis=0)
+    n = total[-1, -1]
+    variance = np.diag(total) / n - (total[-1] / n) ** 2
+    scale = np.sqrt(np.maximum(variance, 1e-12 * np.maximum(np.diag(total) / n, 1e-300)))
+    scale[-1] = 1.0
+    centred = np.eye(len(total))
+    centred[-1, :-1] = -total[-1, :-1] / n
+    turn = centred / scale
+    gram, moment = turn.T @ gram @ turn, turn.T @ moment
+    total, moments = gram.sum(axis=0), moment.sum(axis=0)
+    best = np.full(len(squares), np.inf)
+    for ridge in RIDGES:
+        weights = np.full(len(total), ridge * n)
+        weights[-1] = 0.0
+        error = squares.copy()
+        for g, b in zip(gram, moment, strict=True):
+            w = np.linalg.solve(total - g + np.diag(weights) + 1e-9 * n * np.eye(len(total)), moments - b)
+            error += np.einsum("ij,ij->j", w, g @ w - 2 * b)
+        best = np.minimum(best, error)
+    return best
+
+
+# ---- features -------------------------------------------------------------------------------------
+
+
+def _features(model: Model) -> Iterator[np.ndarray]:
+    """Features of the motion, an array (n, p) for each experiment, pieces joined; all have the same columns."""
+    motions = _motions(model)
+    chosen: list[str] = []
+    for name, values in motions.items():
+        joined = np.concatenate(values)
+        if np.ptp(joined) > 2 * MIN_HALF_RANGE and not any(_same(joined, np.concatenate(motions[k])) for k in chosen):
+            chosen.append(name)
+    scales = {name: _scale(motions[name]) for name in chosen}
+    rows = rows_of_experiments(model, 0)
+    for k, t in enumerate(_joined([one.t for one in model.setup.experiments], model)):
+        columns = [one for name in chosen for one in _of_signal(t, motions[name][k], *scales[name])]
+        yield np.array(columns).T if columns else np.empty((len(rows[k]), 0))
+
+
+def _motions(model: Model) -> dict[str, list[np.ndarray]]:
+    """Inputs and simulated outputs, an array for each experiment."""
+    result: dict[str, list[np.ndarray]] = {}
+    for name in model.diagram.inputs:
+        unit = model.diagram.unit(name)
+        values = [np.interp(one.t, one.record.t, one.record.values(name, unit)) for one in model.setup.experiments]
+        result[f"input {name}"] = _joined(values, model)
+    theta, unknowns = model.theta, model.problem.unknowns
+    runs = [one.outputs(unknowns.parameters(theta, e)) for e, one in enumerate(model.setup.experiments)]
+    for i, name in enumerate(model.setup.outputs):
+        result[f"output {name}"] = _joined([run[:, i] for run in runs], model)
+    return result
+
+
+def _joined(values: list[np.ndarray], model: Model) -> list[np.ndarray]:
+    """Arrays of pieces joined to those of experiments."""
+    joined, result, first = np.concatenate(values), [], 0
+    for rows in rows_of_experiments(model, 0):
+        result.append(joined[first : first + len(rows)])
+        first += len(rows)
+    return result
+
+
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    return abs(float(np.corrcoef(one, other)[0, 1])) > SAME_SIGNAL
+
+
+def _scale(values: list[np.ndarray]) -> tuple[float, float]:
+    """Middle and half range of a signal over all experiments."""
+    low, high = min(float(x.min()) for x in values), max(float(x.max()) for x in values)
+    return (low + high) / 2, (high - low) / 2
+
+
+def _of_signal(t: np.ndarray, x: np.ndarray, middle: float, reach: float) -> list[np.ndarray]:
+    """Features of one signal in one experiment."""
+    from scipy.ndimage import uniform_filter1d
+    from scipy.signal import lfilter
+
+    h = float(np.median(np.diff(t)))
+    width = max(3, int(SMOOTHING_TIME / h) | 1)
+    smooth = uniform_filter1d(x, width)
+    v = uniform_filter1d(np.gradient(smooth, h), width)
+    a = uniform_filter1d(np.gradient(v, h), width)
+    s, v, a = (smooth - middle) / reach, v / max(float(np.std(v)), 1e-300), a / max(float(np.std(a)), 1e-300)
+    side = np.tanh(DIRECTION_STEEPNESS * v)
+    plays = [s - _play(s, width) for width in PLAY_WIDTHS]
+    result = [s, s**2, s**3, s**4, s**5, v, v * abs(v), abs(v), side, side * s, side * s**2, v * s, v * s**2, a, a * s]
+    result += [*plays, plays[3] * s, plays[3] * side, plays[3] ** 2, plays[5] * s, plays[5] ** 2, plays[1] * s]
+    for k in range(1, RIPPLE_COUNT + 1):
+        phase = 2 * np.pi * k * s / RIPPLE_PERIOD
+        result += [np.sin(phase), np.cos(phase)]
+    for time in TIME_CONSTANTS:
+        late = min(max(1, int(time / h)), len(s) - 1)
+        share = h / (time + h)
+        result.append(np.concatenate([np.full(late, s[0]), s[:-late]]) - s)
+        result.append(lfilter([share], [1, share - 1], s, zi=[(1 - share) * s[0]])[0] - s)
+    return result
+
+
+def _play(x: np.ndarray, half_width: float) -> np.ndarray:
+    """The output of a play that starts in its middle."""
+    y, m = [], float(x[0])
+    for value in x.tolist():
+        m = min(max(m, value - half_width), value + half_width)
+        y.append(m)
+    return np.array(y)
