@@ -93,7 +93,7 @@ in a script:
   }
   for name, record in recordings.items():
       made = record.conditioned(['x_in'])
-      print(tsm.score(diagram, {name: made}, parameters=start_states[name], outputs=['x_out'], step=0.01, hold='cubic'))
+      print(tsm.score(diagram, {name: made}, parameters=start_states[name], outputs=['x_out'], step=0.01, hold='auto'))
 
 indistinguishable effects:
 - backlash is indistinguishable from hysteresis with these data. To separate
