@@ -47,7 +47,9 @@ def test_noise_from_repeated_periods(period, make, seed):
     assert got.method == "repeated periods"
     tolerance = 0.1 if make is white else 0.2
     assert got.floor == pytest.approx(0.05, rel=tolerance)
-    assert 0.5 * len(T) < got.freedom < got.samples < len(T)
+    assert got.low < 0.05 < got.high
+    fewest = 0.3 if make is white else 0.02  # autocorrelated samples tell less
+    assert fewest * len(T) < got.freedom < got.samples < len(T)
 
 
 def test_a_transient_and_a_slow_drift_are_no_noise():
@@ -100,7 +102,8 @@ def test_noise_from_repeats():
     x = periodic(T, 100.0) + T**2 / 900
     made = [record(u=x, y=x + 0.1 * k + 0.001 * k * T + coloured(0.03, seed=k)) for k in range(4)]
     got = noise(made, "y")
-    assert (got.method, got.samples, got.freedom) == ("repeats", 24000, 3 * 5998)
+    assert (got.method, got.samples) == ("repeats", 24000)
+    assert 1300 < got.freedom < 2600  # noise with this pole has 0.105 independent values a sample
     assert got.floor == pytest.approx(0.03, rel=0.05)
 
 
@@ -245,8 +248,8 @@ def test_noise_says_what_it_is():
     x = periodic(T, 10.0)
     got = noise(record(T, {"y": "deg"}, u=x, y=0.02 * np.round((x + white(0.005)) / 0.02)), "y")
     assert str(got) == (
-        f"y: noise {got.floor:.3g} deg rms, from repeated periods ({got.samples} samples, {got.freedom} degrees of "
-        "freedom); quantised in steps of 0.02 deg"
+        f"y: noise {got.floor:.3g} deg rms (95 %: {got.low:.3g} to {got.high:.3g}), from repeated periods "
+        f"({got.samples} samples, {got.freedom} degrees of freedom); quantised in steps of 0.02 deg"
     )
     fine = noise(record(u=x, y=np.round(x + white(0.005), 6)), "y")
     assert fine.quantum == pytest.approx(1e-6)

@@ -109,7 +109,7 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     from tsmblocks.data import noise_floor as noise_module
 
     fooled = Noise("x_out", "deg", 1.16, None, "repeated periods", 1000, 900)
-    monkeypatch.setattr(noise_module, "noise", lambda *_, **__: fooled)
+    monkeypatch.setattr(noise_module, "noise_over_recordings", lambda *_, **__: fooled)
     said = found(None)
     assert said.verdict == "named"
     (note,) = [n for n in said.notes if "noise floor" in n]

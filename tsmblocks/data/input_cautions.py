@@ -8,8 +8,9 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.interpolation import is_held
+from tsmblocks.data.fast_noise import sample_to_sample_noise
 from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass
-from tsmblocks.data.noise_floor import is_coarse, sample_to_sample_noise, with_unit
+from tsmblocks.data.noise_floor import is_coarse, with_unit
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
 from tsmblocks.data.resampling import evenly_sampled

@@ -58,6 +58,17 @@ def best_period(t: np.ndarray, signals: Iterable[np.ndarray]) -> float | None:
     return min(found, key=lambda pair: pair[1])[0] if found else None
 
 
+def refined_lag(t: np.ndarray, signals: Iterable[np.ndarray], lag: float) -> float:
+    """The lag [s] near a given one, within a sample, at which the signal that repeats itself best does so best."""
+    step = step_of(t)
+    if not is_even(t):
+        grid = np.arange(t[0], t[-1], step)
+        signals, t = [np.interp(grid, t, x) for x in signals], grid
+    whole = round(lag / step)
+    found = [_refined(x - x.mean(), whole) for x in signals if np.ptp(x) > 0]
+    return min(found, key=lambda pair: pair[1])[0] * step if found else lag
+
+
 def unlikeness(t: np.ndarray, x: np.ndarray, lag: float) -> float:
     """d of ``find_period`` at one lag [s]."""
     kept = t + lag <= t[-1]

@@ -1,0 +1,212 @@
+"""What shows the noise of a signal: differences between repeats or periods, and rests of the inputs."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from tsmblocks.common.errors import DataError
+from tsmblocks.common.interpolation import interpolation
+from tsmblocks.data.fast_noise import polynomial_weights, sample_to_sample_noise
+from tsmblocks.data.grid import stretches
+from tsmblocks.data.noise_checks import settled, smooth
+from tsmblocks.data.periods import MIN_UNLIKENESS, best_period, refined_lag, unlikeness
+from tsmblocks.data.quantization import quantum_of
+from tsmblocks.data.record import Record
+from tsmblocks.data.slow_noise import Stretch, mean_square
+
+MIN_FREEDOM = 30
+"""Degrees of freedom below which an estimate is not given. Derived: its relative error, 1/sqrt(2 freedom), would be
+more than an eighth."""
+MAX_REPEAT_DIFFERENCE = 0.5
+"""Differences between repeats, in rms values of the signal, beyond which they are not the same experiment. Chosen."""
+MIN_STILL_SAMPLES = 50
+"""Samples for which an input must rest to count as standing still. Chosen."""
+STILL_MEAN_SAMPLES = 10
+"""Samples whose mean is taken when rests are searched. Chosen: it lowers white noise to a third."""
+RESPONSE_SAMPLES = 30
+"""Samples for which a signal responds to an input that moves a little while it seems to rest. Chosen."""
+MIN_PERIOD_SAMPLES = 4
+"""Samples of a period at least. Chosen: with fewer it may be an alias."""
+MAX_DRIVEN_SHARE = 0.5
+"""Share of what differs between periods that the inputs may explain, by not quite repeating, before it is no noise.
+Chosen."""
+
+
+@attrs.frozen(eq=False)
+class Found:
+    """What one method leaves of a signal; ``span`` is the length of the recording [s].
+
+    Each sample of the stretches stands for ``records`` samples that were compared.
+
+    ``driven`` is the part that the inputs explain by not quite repeating, rms. ``doubt`` says why it is no noise.
+    """
+
+    method: str
+    stretches: tuple[Stretch, ...]
+    span: float
+    driven: float = 0.0
+    records: float = 1.0
+    doubt: str = ""
+
+    @property
+    def samples(self) -> int:
+        """All samples that went into the stretches."""
+        return round(self.records * sum(len(s.x) for s in self.stretches))
+
+
+def of_repeats(records: list[Record], name: str) -> Found | None:
+    """Differences between the records. Raises DataError where they differ too much to be repeats."""
+    first = records[0]
+    t, unit = first.t, first.unit(name)
+    rows = [first[name]]
+    for other in records[1:]:
+        own, x = other.t - other.t[0] + t[0], other.values(name, unit)
+        same = len(own) == len(t) and np.allclose(own, t, rtol=0, atol=1e-3 * first.step)
+        rows.append(x if same else interpolation(own, x, "linear")(t))
+    shortest = min(float(r.t[-1] - r.t[0]) for r in records)
+    kept = t - t[0] <= shortest + 1e-9 * first.step
+    table = np.stack([row[kept] for row in rows])
+    off = table - table.mean(axis=0)
+    size = float(np.std(table))
+    if np.sqrt(np.mean(off**2)) > MAX_REPEAT_DIFFERENCE * size > 0:
+        raise DataError(
+            f"these {len(records)} records do not repeat one experiment: '{name}' differs between them by "
+            f"{100 * np.sqrt(np.mean(off**2)) / size:.0f} % of its rms value."
+        )
+    contrasts = np.linalg.qr(np.vstack([np.ones(len(rows)), np.eye(len(rows))[:-1]]).T)[0][:, 1:].T @ table
+    made = [Stretch(row, first.step) for row in contrasts]
+    return _judged(Found("repeats", tuple(made), shortest, records=len(rows) / (len(rows) - 1)), _fast(first, name))
+
+
+def _fast(record: Record, name: str) -> float:
+    return sample_to_sample_noise(record.t, record[name]).floor
+
+
+def _judged(found: Found, fast: float) -> Found | None:
+    """What was found, less a transient; with a doubt where it is no noise, None where there is too little of it."""
+    first, still = settled(found.stretches, fast)
+    kept = attrs.evolve(found, stretches=tuple(s.cut(first) for s in found.stretches))
+    if kept.samples < MIN_FREEDOM:
+        return None
+    if not still:
+        return attrs.evolve(kept, doubt=f"what is taken for noise does not settle ({_size(kept)})")
+    if smooth(kept.stretches, fast):
+        return attrs.evolve(kept, doubt=f"what is taken for noise has a smooth path, as motion has ({_size(kept)})")
+    return kept
+
+
+def of_periods(record: Record, name: str, drives: list[str]) -> Found | None:
+    """Differences between periods a third of the recording apart, so that slow noise is in them."""
+    moving = [k for k in drives if np.ptp(record[k]) > 0]
+    lag = _common_period(record, moving, name)
+    if lag is None or lag < MIN_PERIOD_SAMPLES * record.step or len(record) < MIN_FREEDOM:
+        return None
+    span = float(record.t[-1] - record.t[0])
+    others, fast = [k for k in moving if k != name], _fast(record, name)
+    for apart in dict.fromkeys([max(1, round(span / (3 * lag))), 1]):
+        total = refined_lag(record.t, [record[k] for k in others or moving], apart * lag)
+        made = _difference_stretch(record, name, total)
+        found = _judged(Found("repeated periods", (made,), span), fast) if len(made.x) >= MIN_FREEDOM else None
+        if found is None:
+            continue
+        driven = max([_driven_difference(record, k, name, total) for k in others], default=0.0)
+        if driven <= MAX_DRIVEN_SHARE * np.sqrt(mean_square(found.stretches)):
+            return attrs.evolve(found, driven=driven)
+    return None
+
+
+def _difference_stretch(record: Record, name: str, lag: float) -> Stretch:
+    _, off, gain = _differences(record.t, record[name], lag)
+    return Stretch(off, record.step, lag, gain)
+
+
+def _driven_difference(record: Record, drive: str, name: str, lag: float) -> float:
+    """Differences of a signal between periods that an input explains by not quite repeating itself, rms.
+
+    A sum of tones that are no multiples of one another nearly repeats itself, and differences between such periods are
+    motion. The signal is taken to follow the input in proportion. The input's own fast noise is not counted.
+    """
+    own = _difference_stretch(record, drive, lag).x
+    slow = float(np.var(own)) - _fast(record, drive) ** 2
+    return float(np.sqrt(max(slow, 0.0)) * np.std(record[name]) / np.std(record[drive]))
+
+
+def _common_period(record: Record, drives: list[str], name: str) -> float | None:
+    """Period [s] of the signal that repeats itself best, if the others (but the noisy one) repeat with it too."""
+    lag = best_period(record.t, [record[k] for k in drives])
+    if lag is not None and any(unlikeness(record.t, record[k], lag) > MIN_UNLIKENESS for k in drives if k != name):
+        return None
+    return lag
+
+
+def _differences(t: np.ndarray, x: np.ndarray, lag: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Times, x a lag later less x, divided so that white noise keeps its rms value, and the gain of slow noise.
+
+    Between samples x is the cubic through the two on each side, which lessens white noise, and slow noise hardly.
+    """
+    later = t + lag
+    k = np.searchsorted(t, later + 1e-6 * lag / len(t)) - 1  # the sample just before, or at, one period later
+    kept = (k >= 1) & (k + 2 < len(t)) & (later <= t[-1])
+    k, later = k[kept], later[kept]
+    places = k[:, None] + np.arange(-1, 3)
+    w = polynomial_weights(t[places] - later[:, None])
+    off = np.sum(w * x[places], axis=1) - x[: len(t)][kept]
+    size = 1 + np.sum(w**2, axis=1)
+    return t[kept], off / np.sqrt(size), float(2 / np.mean(size)) if len(size) else 1.0
+
+
+def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
+    """What moves while the inputs rest."""
+    others = [k for k in drives if k != name]  # rests of the signal itself would be selected for being quiet
+    if not others:
+        return None
+    still = np.all([_resting(record[k]) for k in others], axis=0)
+    rests = [(a, b) for a, b in stretches(still) if b - a >= MIN_STILL_SAMPLES]
+    made, fast = [], _fast(record, name)
+    for a, b in rests:
+        rest = Stretch(record[name][a + (b - a) // 5 : b], record.step)  # the signal settles during the first fifth
+        first, still = settled([rest], fast)
+        made += [rest.cut(first)] if still else []
+    found = Found("stand-still", tuple(made), float(record.t[-1] - record.t[0]))
+    if found.samples - len(made) < MIN_FREEDOM:
+        return None
+    if smooth(made, fast) or any(_follows(record, k, name, rests) for k in others):
+        return attrs.evolve(found, doubt=f"the signal moves while the inputs rest ({_size(found)})")
+    return found
+
+
+def _follows(record: Record, drive: str, name: str, rests: list[tuple[int, int]]) -> bool:
+    """Whether the signal follows in the rests what little the input moves there: its response to it is fitted."""
+    rows, values = list[np.ndarray](), list[np.ndarray]()
+    for a, b in rests:
+        late = np.lib.stride_tricks.sliding_window_view(record[drive][a:b], RESPONSE_SAMPLES)
+        rows.append(late - late.mean(axis=0))
+        values.append(record[name][a + RESPONSE_SAMPLES - 1 : b])
+    inputs, x = np.vstack(rows), np.concatenate([v - v.mean() for v in values])
+    if len(x) < 10 * RESPONSE_SAMPLES or not np.ptp(inputs) > 0:
+        return False
+    left = x - inputs @ np.linalg.lstsq(inputs, x, rcond=None)[0]
+    return float(left @ left) < (1 - MAX_DRIVEN_SHARE) * float(x @ x)
+
+
+def _resting(x: np.ndarray) -> np.ndarray:
+    """Which samples lie in a rest: ``MIN_STILL_SAMPLES`` samples over which the signal does not leave its own noise.
+
+    Moving means are compared, whose noise is less, so that a slow turn is no rest.
+    """
+    if len(x) < MIN_STILL_SAMPLES or not np.ptp(x) > 0:
+        return np.full(len(x), not np.ptp(x) > 0)
+    from scipy.ndimage import uniform_filter1d
+
+    noise, share = sample_to_sample_noise(np.arange(float(len(x))), x).floor, 1 / np.sqrt(STILL_MEAN_SAMPLES)
+    width = max(2.1 * (quantum_of(x) or 0.0), 8 * share * noise, 1e-9 * float(np.ptp(x)))
+    if width > 0.1 * np.ptp(x):
+        return np.zeros(len(x), dtype=bool)
+    x = uniform_filter1d(x, STILL_MEAN_SAMPLES) if noise > 0 else x
+    windows = np.lib.stride_tricks.sliding_window_view(x, MIN_STILL_SAMPLES)
+    return np.convolve(np.ptp(windows, axis=1) <= width, np.ones(MIN_STILL_SAMPLES)) > 0.5
+
+
+def _size(found: Found) -> str:
+    return f"{np.sqrt(mean_square(found.stretches)):.3g} rms"
