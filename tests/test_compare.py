@@ -252,7 +252,7 @@ def test_a_table_is_shown_in_degrees(ranked):
 def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     assert ranked.noise == pytest.approx(0.01, rel=0.15)
     assert ranked.above_noise == pytest.approx(ranked.best.figure / ranked.noise)
-    assert " deg rms (high frequencies); slack leaves" in str(ranked).replace("\n", " ")
+    assert " deg rms (repeats); slack leaves" in str(ranked).replace("\n", " ")
     assert "tsmblocks diagnose" not in str(ranked)
     poor = tsm.compare({"line": LINEAR}, rig(), **QUICK)
     assert poor.above_noise > 1.5

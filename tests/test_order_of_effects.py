@@ -108,7 +108,7 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     from tsmblocks.data import Noise
     from tsmblocks.data import noise_floor as noise_module
 
-    fooled = Noise("x_out", "deg", 1.16, None, "repeated periods", 1000, 900)
+    fooled = Noise("x_out", "rad", 1.16 * DEG, None, "repeated periods", 1000, 900)
     monkeypatch.setattr(noise_module, "noise_over_recordings", lambda *_, **__: fooled)
     said = found(None)
     assert said.verdict == "named"

@@ -12,7 +12,7 @@ from tsmblocks.data.slow_noise import SHARES, Stretch, Weighted, mean_square, va
 TRANSIENT_LEVEL = 1e-3
 """Probability below which noise does not explain a beginning that is larger than the rest. Chosen."""
 CONTINUED_LEVEL = 0.3
-"""As TRANSIENT_LEVEL, once there is a transient. Chosen: what is left of it is small beside the noise, while too much
+"""As TRANSIENT_LEVEL, once there is a transient. Chosen: its remainder is small beside the noise, while too much
 left out costs no more than some of the data."""
 LARGER_HEAD = 4.0
 """Mean square of a smooth beginning over that of the rest, from which it is a transient. Chosen."""

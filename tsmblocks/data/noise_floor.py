@@ -49,9 +49,9 @@ class Noise:
         95 % interval of the floor. It allows for autocorrelation, for bursts and for what the method cannot see: above
         a floor from ``"high frequencies"`` there is no bound.
     white : float or None, default None
-        Rms value of the noise that differs from sample to sample; None where it cannot be told.
+        Rms value of the noise that differs from sample to sample; None where it is not distinct.
     slow : float or None, default None
-        Rms value of the autocorrelated noise; None where there is none to be told from white noise.
+        Rms value of the autocorrelated noise; None where none stands out from the white noise.
     slow_time : float or None, default None
         Correlation time of the slow noise [s].
     doubt : str, default ""
@@ -131,7 +131,7 @@ def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[
     >>> y = np.sin(t) + np.random.default_rng(0).normal(0.0, 0.02, t.size)
     >>> found = tsm.noise(tsm.Record("sine", t, {"y": y}, {"y": "rad"}), "y")
     >>> found.method, round(found.floor, 3), round(found.low, 3), found.high
-    ('high frequencies', 0.019, 0.018, inf)
+    ('high frequencies', 0.019, 0.016, inf)
     """
     given = [records] if isinstance(records, Record) else list(records)
     if not given:

@@ -37,7 +37,7 @@ Chosen."""
 class Found:
     """What one method leaves of a signal; ``span`` is the length of the recording [s].
 
-    Each sample of the stretches stands for ``records`` samples that were compared.
+    Each sample of the stretches comes from ``records`` samples that were compared.
 
     ``driven`` is the part that the inputs explain by not quite repeating, rms. ``doubt`` says why it is no noise.
     """

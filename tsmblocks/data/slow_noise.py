@@ -1,4 +1,4 @@
-"""White and slow noise told apart in stretches of noise, and the rms of both with its 95 % interval.
+"""White and slow noise separated in stretches of noise, and the rms of both with its 95 % interval.
 
 A stretch is what a method leaves of a signal: differences between periods or repeats, or a rest. The noise is modelled
 as white noise beside first-order (Ornstein-Uhlenbeck) noise. The model is used for what the stretch cannot show, such
@@ -16,8 +16,11 @@ import numpy as np
 
 SHARES = np.r_[0.0, 0.01, 0.03, np.linspace(0.1, 0.9, 9), 0.95, 0.98, 0.995, 1.0]
 """Shares of slow noise in the variance that are tried."""
-TIMES = 24
+TIMES = 18
 """Correlation times that are tried, from one step to three times the longest stretch, evenly in their logarithm."""
+SPREADS = (1.0, 4.0)
+"""Slow noise is of one correlation time, or of two in equal parts, this many times shorter and longer. Chosen: the sum
+of two comes near to noise with a broad spectrum."""
 MAX_BAND_WEIGHT = 20
 """Periodogram values of a band that count at most. Chosen: noise is no sum of white and first-order noise, so that a
 band is trusted to no more than 1/sqrt(20), a fifth."""
@@ -73,7 +76,7 @@ class Level:
     """Rms of the noise about its mean over a recording, with its 95 % interval.
 
     ``white`` and ``slow`` are the rms values of both kinds and ``time`` [s] the correlation time of the slow one; None
-    where they cannot be told apart. ``freedom`` is the number of independent values with the same information.
+    where they are indistinguishable. ``freedom`` is the number of independent values with the same information.
     """
 
     floor: float
@@ -188,7 +191,7 @@ def mean_square(stretches: Sequence[Stretch]) -> float:
 
 
 def _covariances(s: Stretch, times: np.ndarray | None) -> np.ndarray:
-    """Autocovariance of a stretch of noise of variance 1, white or with correlation times (times, 1); (…, n)."""
+    """Autocovariance of a stretch of noise of variance 1, white or with pairs of correlation times; (…, n)."""
     k, g = np.arange(len(s.x)), s.lag / s.step
     if times is None:
         out = np.zeros(len(k))
@@ -196,7 +199,13 @@ def _covariances(s: Stretch, times: np.ndarray | None) -> np.ndarray:
         if 0 < (at := round(g)) < len(k):
             out[at] = -0.5
         return out
-    rate = s.step / times
+    known = {float(time): _first_order(s, k, g, float(time)) for time in np.unique(times)}
+    return np.stack([(known[float(a)] + known[float(b)]) / 2 for a, b in times])
+
+
+def _first_order(s: Stretch, k: np.ndarray, g: float, time: float) -> np.ndarray:
+    """Autocovariance of a stretch of first-order noise at shifts of k samples, differences being taken over g."""
+    rate = s.step / time
     out = np.exp(-rate * k)
     return s.gain * (out - (np.exp(-rate * np.abs(k - g)) + np.exp(-rate * g) * out) / 2) if g > 0 else out
 
@@ -204,10 +213,11 @@ def _covariances(s: Stretch, times: np.ndarray | None) -> np.ndarray:
 def _fitted(stretches: Sequence[Stretch], slope: bool) -> Weighted:
     longest = max(s.step * len(s.x) for s in stretches)
     step = min(s.step for s in stretches)
-    times = np.geomspace(step, 3 * longest, TIMES)
+    middle = np.geomspace(step, 3 * longest, TIMES)
+    times = np.concatenate([middle[:, None] * np.array([1 / k, k]) for k in SPREADS])
     count = sum(len(s.x) for s in stretches)
     square = mean_square(stretches)
-    seen, spread = np.zeros((TIMES, 2)), np.zeros((TIMES, 3))  # for white and slow noise; the last with both
+    seen, spread = np.zeros((len(times), 2)), np.zeros((len(times), 3))  # for white and slow noise; the last with both
     powers, expected, weights = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
     known = dict[tuple[int, float, float], tuple[np.ndarray, np.ndarray, np.ndarray]]()
     for s in stretches:
@@ -238,7 +248,7 @@ def _expected(
     n, widths = len(s.x), np.diff(edges)
     fade = 1 - np.arange(n) / n
     weights = np.r_[1.0, 2 * fade[1:]] * n
-    rows = np.vstack([_covariances(s, None), _covariances(s, times[:, None])])  # white noise first
+    rows = np.vstack([_covariances(s, None), _covariances(s, times)])  # white noise first
     sums = np.cumsum(rows, axis=1)
     sums = sums + sums[:, ::-1] - rows[:, :1]
     total = sums.sum(axis=1)
@@ -287,8 +297,8 @@ def _interval(weights: np.ndarray, variance: np.ndarray, freedom: np.ndarray) ->
 
 
 def _kinds(models: Weighted, floor: float) -> tuple[float | None, float | None, float | None]:
-    """Rms of white and of slow noise, and the correlation time of this; None where they cannot be told apart."""
-    of_share, spread = models.weights.sum(axis=0), np.log(models.times)
+    """Rms of white and of slow noise, and the correlation time of this; None where they are indistinguishable."""
+    of_share, spread = models.weights.sum(axis=0), np.log(models.times).mean(axis=1)
     if of_share[SHARES <= MIN_SLOW_SHARE].sum() > 0.025:
         told = of_share[SHARES >= 0.5].sum() < 0.025
         return (floor if told else None), None, None
@@ -319,7 +329,7 @@ def windows(s: Stretch, width: int, models: Weighted) -> tuple[np.ndarray, np.nd
     part = attrs.evolve(s, x=np.zeros(width))
     fade = np.r_[1.0, 2 * (1 - np.arange(1, width) / width)] / width
     white = _covariances(part, None)
-    slow = _covariances(part, models.times[:, None])
+    slow = _covariances(part, models.times)
     squares = [fade @ white**2, slow**2 @ fade, slow @ (fade * white)]
     spread = (1 - SHARES) ** 2 * squares[0] + SHARES**2 * squares[1][:, None]
     spread = spread + 2 * SHARES * (1 - SHARES) * squares[2][:, None]
@@ -329,7 +339,7 @@ def windows(s: Stretch, width: int, models: Weighted) -> tuple[np.ndarray, np.nd
 def variance_of_mean(times: np.ndarray, span: float) -> np.ndarray:
     """Variance of the mean over a span of first-order noise of variance 1."""
     share = times / span
-    return 2 * share * (1 - share * -np.expm1(-1 / share))
+    return (2 * share * (1 - share * -np.expm1(-1 / share))).mean(axis=-1)
 
 
 def _band_edges(n: int, first: int) -> np.ndarray:
@@ -347,7 +357,7 @@ def _slope(s: Stretch) -> np.ndarray:
 
 def _of_slopes(s: Stretch, times: np.ndarray) -> np.ndarray:
     """Variance of the slope of slow noise of variance 1, for each correlation time."""
-    return _covariances(s, times[:, None]) @ _correlation(_slope(s))
+    return _covariances(s, times) @ _correlation(_slope(s))
 
 
 def _correlation(q: np.ndarray) -> np.ndarray:
