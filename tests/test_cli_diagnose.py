@@ -2,6 +2,9 @@
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 import json
+import signal
+import sys
+import time
 from contextlib import nullcontext
 
 import numpy as np
@@ -298,8 +301,56 @@ def test_ctrl_c_keeps_what_was_found(run, monkeypatch, tmp_path):
     assert {r["name"] for r in facts["ranking"]} == {"backlash", "drift", "dead_time"}
 
 
-def test_a_terminal_is_told_how_far_the_search_is():
+def test_a_terminal_is_told_how_far_the_search_is_and_how_long_the_rest_takes():
     from tsmblocks.cli import diagnose
 
-    assert diagnose._progress_text("fitted", 2, 5) == "diagnosing: fitted, 2 of 5"
-    assert diagnose._progress_text("calibrated", 0, 1) == "diagnosing: calibrated"
+    now = [0.0]
+    told = diagnose._Progress(clock=lambda: now[0])
+    assert told("calibrated", 0, 1) == "diagnosing: calibrated"
+    assert told("fitted", 0, 5) == "diagnosing: fitted, 0 of 5"
+    now[0] = 6.0
+    assert told("fitted", 2, 5) == "diagnosing: fitted, 2 of 5, about 9 s left of this step"
+    now[0] = 600.0
+    assert told("fitted", 3, 5) == "diagnosing: fitted, 3 of 5, about 7 min left of this step"
+    assert told("fitted", 0, 5) == "diagnosing: fitted, 0 of 5"
+    limited = diagnose._Progress(300.0, clock=lambda: now[0])
+    now[0] += 250.0
+    assert limited("tried", 0, 9) == "diagnosing: tried, 0 of 9; ends in 50 s at most"
+
+
+def test_a_time_limit_ends_the_search_with_what_was_found(run, monkeypatch):
+    """The clock of the search is turned on when the last round begins."""
+    told, clock = stops(monkeypatch, "never"), time.monotonic
+    run(*BASE, *FEW)
+    last, ahead = told.count("tried"), [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock() + ahead[0])
+
+    def tell(name, done, of):
+        told.append(name)
+        if told.count("tried") == last:
+            ahead[0] = 1e6
+
+    told.clear()
+    monkeypatch.setattr(console, "progress_line", lambda words, quiet: nullcontext(tell))
+    status, out, err = run(*BASE, *FEW, "--time-limit", "1e5")
+    assert status == 130
+    assert "the search ended at its time limit of 100000 s." in " ".join(out.split())
+    assert "interrupted; these are the results until then." in out
+    monkeypatch.setattr(console, "progress_line", lambda words, quiet: nullcontext(None))
+    status, out, err = run(*BASE, *FEW, "--time-limit", "1e-9")
+    assert (status, out) == (2, "")
+    assert "the time limit of 1e-09 s was over before the first candidates were fitted" in err
+    status, out, err = run(*BASE, *FEW, "--time-limit", "-3")
+    assert (status, out) == (2, "")
+    assert "--time-limit must be" in err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process there has no SIGTERM to catch")
+def test_sigterm_ends_a_command_as_ctrl_c_does(run, monkeypatch):
+    def tell(name, done, of):
+        signal.raise_signal(signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(console, "progress_line", lambda words, quiet: nullcontext(tell))
+    assert run(*BASE, *FEW) == (130, "", "tsmblocks: stopped before everything was done.\n")
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -5,7 +5,7 @@ inputs and outputs. Several with different amplitudes and frequencies are more
 informative than one. With --out the report (report.html, one page that needs no
 network), the numbers (diagnosis.json) and the diagram with the effects added
 (augmented.toml) are written into a folder; without it only the text is printed.
-Ctrl-C ends the search with the effects identified so far.
+Ctrl-C, SIGTERM and --time-limit end the search with the effects identified so far.
 
   tsmblocks diagnose tendon_sheath_symmetric --data bend*.csv --out found
   tsmblocks diagnose tendon_sheath_symmetric --data a.csv b.csv \
@@ -18,6 +18,9 @@ Ctrl-C ends the search with the effects identified so far.
 from __future__ import annotations
 
 import argparse
+import math
+import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,8 +38,11 @@ OPTION_NAMES = (
     (r"start=\{'([^']+)': …\}", r"another number of \1 in the diagram"),
     (r"\bfree=\['([^']+)'\]", r"--free '\1'"),
     (r"^(free|effects|local|bounds)\b", r"--\1"),
+    (r"\btime_limit\b", "--time-limit"),
 )
 """Arguments of the function as messages name them, and the options of the command."""
+SHORTEST_SHOWN = 1.0
+"""Time [s] of a stage from which the rest of it is estimated. Chosen: less says little of what follows."""
 
 
 def noise_floor(text: str) -> str:
@@ -68,6 +74,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     unfiltered = "leave measured inputs as they are (default: their noise is filtered out, with zero phase)"
     add("--no-condition", dest="condition", action="store_false", help=unfiltered)
     add("--seed", "--step", "--hold")
+    limit = "end the search after so many seconds, with the effects identified by then (default: no limit)"
+    add("--time-limit", metavar="SECONDS", type=common.finite_float, help=limit)
     common.result_arguments(parser, "write report.html, diagnosis.json and augmented.toml into a folder", "DIR")
 
 
@@ -80,10 +88,11 @@ def execute(args: argparse.Namespace) -> int:
     diagram = load(args.diagram).with_parameters(dict(args.settings))
     records = recordings.read_experiments(args, diagram, report=False)  # they are among the notes of the diagnosis
     names = ("free", "noise_floor", "effects", "outputs", "window", "condition", "seed", "step", "hold", "local")
+    line = console.progress_line(_Progress(args.time_limit), quiet=args.json)
     try:
-        with common.option_names(OPTION_NAMES), console.progress_line(_progress_text, quiet=args.json) as progress:
-            bounds = dict(args.bounds)
-            result = diagnose(diagram, records, bounds=bounds, progress=progress, **common.passed(args, *names))
+        with common.option_names(OPTION_NAMES), line as progress:
+            given = dict(bounds=dict(args.bounds), time_limit=args.time_limit, progress=progress)
+            result = diagnose(diagram, records, **given, **common.passed(args, *names))
     except TsmError:
         recordings.print_repairs(args, *records.values())
         raise
@@ -115,6 +124,23 @@ def _save(result: Diagnosis, folder: Path | None) -> list[str]:
     return [str(folder / name) for name in NAMES]
 
 
-def _progress_text(stage: str, done: int, of: int) -> str:
-    """The text of progress of the search."""
-    return f"diagnosing: {stage}" + (f", {done} of {of}" if of > 1 else "")
+class _Progress:
+    """The text of progress of the search, with the time that is left of its stage, and of the time limit [s]."""
+
+    def __init__(self, limit: float | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._stage, self._began = clock, ("", 0), clock()
+        self._end = None if limit is None else self._began + limit
+
+    def __call__(self, stage: str, done: int, of: int) -> str:
+        now = self._clock()
+        if (stage, of) != self._stage or done == 0:
+            self._stage, self._began = (stage, of), now
+        text = f"diagnosing: {stage}" + (f", {done} of {of}" if of > 1 else "")
+        if 0 < done < of and now - self._began >= SHORTEST_SHOWN:
+            text += f", about {_in_words((now - self._began) / done * (of - done))} left of this step"
+        return text if self._end is None else f"{text}; ends in {_in_words(max(self._end - now, 0.0))} at most"
+
+
+def _in_words(seconds: float) -> str:
+    """A time to wait: seconds below two minutes, then minutes."""
+    return f"{math.ceil(seconds)} s" if seconds < 120 else f"{math.ceil(seconds / 60)} min"

@@ -1,4 +1,4 @@
-"""Arguments in, exit status out: 0 done, 2 bad usage or input, 130 stopped by Ctrl-C, 1 anything else.
+"""Arguments in, exit status out: 0 done, 2 bad usage or input, 130 stopped by Ctrl-C or SIGTERM, 1 anything else.
 
 Only argparse is imported here; each command imports what it needs when it is run.
 """
@@ -31,6 +31,7 @@ from tsmblocks.cli import (
 from tsmblocks.cli.common import INTERRUPTED, Formatter, Parser, UsageError
 from tsmblocks.cli.console import print_error, readable_streams
 from tsmblocks.common.errors import TsmError, near
+from tsmblocks.common.interrupt import terminate_as_interrupt
 from tsmblocks.common.version import __version__
 
 MODULES = (run, fit, compare, diagnose, study, draw, check, export, diagrams, blocks, reference, demo, completion)
@@ -42,7 +43,7 @@ CLOSED = {"diagrams", "reference", "demo", "completion"}
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the exit status. Nothing is raised; messages are printed on standard error."""
-    with readable_streams(), warnings.catch_warnings():
+    with readable_streams(), warnings.catch_warnings(), terminate_as_interrupt():
         _simplify_warnings()
         return _guarded(list(sys.argv[1:] if argv is None else argv))
 

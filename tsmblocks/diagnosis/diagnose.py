@@ -12,6 +12,8 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_positive
+from tsmblocks.common.errors import RunError
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.data import Record
@@ -65,6 +67,7 @@ def diagnose(
     hold: Hold = AUTO,
     bounds: Mapping[str, Any] | None = None,
     local: Iterable[str] | None = None,
+    time_limit: float | None = None,
     progress: ProgressCallback | None = None,
 ) -> Diagnosis:
     """Name the effect that a model lacks, add its block to the diagram, and validate it on held-out data.
@@ -74,7 +77,7 @@ def diagnose(
     on held-out time blocks. It is named where it removes at least 6 % of the noise variance, significantly, and half of
     the error above the noise floor. Effects that are indistinguishable from it with these data are listed beside it.
 
-    After Ctrl-C the effects named so far are returned with ``status`` ``"interrupted"``.
+    After Ctrl-C, or at the time limit, the effects named so far are returned with ``status`` ``"interrupted"``.
 
     Parameters
     ----------
@@ -111,6 +114,8 @@ def diagnose(
         Lower and upper bounds of parameters of the diagram, by name or pattern, as for ``tsm.fit``.
     local : iterable of str, optional
         Names or patterns of parameters of the diagram with a value of their own in each experiment.
+    time_limit : float, optional
+        Time [s] after which the search ends as after Ctrl-C; what was found by then is summarised. Default: none.
     progress : callable, optional
         Called as ``progress(stage, done, of)`` now and then.
 
@@ -125,6 +130,8 @@ def diagnose(
         For missing signals, fewer than 200 samples in all, or outputs without any noise.
     ParameterError
         For unknown names, or a noise floor in an unclear unit.
+    RunError
+        At the time limit before the first candidates were fitted.
     KeyboardInterrupt
         After Ctrl-C before the first candidates were fitted.
 
@@ -158,25 +165,36 @@ def diagnose(
         local=local,
         progress=progress,
     )
+    limit = None if time_limit is None else as_positive("time_limit", time_limit)
     done, interrupted, notes = list[DiagnosedPart](), False, request.notes
-    with defer_interrupt() as stop, np.errstate(over="ignore", invalid="ignore"):  # diverged simulations are left out
+    with defer_interrupt(limit) as stop, np.errstate(over="ignore", invalid="ignore"):  # of diverged simulations
 
         def report(stage: str, count: int, of: int) -> None:
             stop.check()
             if progress is not None:
                 progress(stage, count, of)
 
-        for part in partition(request.diagram, request.measured):
+        parts = iter(partition(request.diagram, request.measured))
+        while not interrupted and (part := next(parts, None)) is not None:
             try:
                 one, interrupted = _diagnosed(part, request, report, notes)
                 done.append(one)
             except KeyboardInterrupt:  # before the first candidates of this part were fitted
                 interrupted = True
-            if interrupted:
-                break
+        timed_out = interrupted and stop.timed_out and not stop.stop
     if not done:
-        raise KeyboardInterrupt
+        raise _without_result(limit) if timed_out else KeyboardInterrupt
+    if timed_out:
+        notes.append(f"the search ended at its time limit of {limit:g} s.")
     return assembled(request, done, notes, interrupted)
+
+
+def _without_result(limit: float | None) -> RunError:
+    """What is raised at a time limit [s] before the first candidates were fitted."""
+    return RunError(
+        f"the time limit of {limit:g} s was over before the first candidates were fitted, so there is no verdict. "
+        "Give it more time, fewer effects or shorter recordings."
+    )
 
 
 def _diagnosed(
@@ -208,6 +226,8 @@ def _diagnosed(
         search = SearchContext(records, settings, request.effects, time_blocks(base.problem), noise, progress)
         forward_search(base, {}, search, rounds)
         rounds = without_undetermined(exchange_effects(rounds, search), search)
+        count = accepted_count(rounds, search)
+        final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     except KeyboardInterrupt:
         if search is None or not rounds:
             raise
@@ -216,8 +236,6 @@ def _diagnosed(
         return DiagnosedPart(
             part, search, floors, rounds, count, last, predicted, evidence(last, search.settings.seed)
         ), True
-    count = accepted_count(rounds, search)
-    final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     notes += [f"{part.name}: {text}" for text in [*limit_notes(final), *more_notes]]
     left = evidence(final, search.settings.seed)
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left), False

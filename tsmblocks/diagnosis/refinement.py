@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsmblocks.common.errors import RunError, TsmError
+from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, optimized
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.result import Fit
@@ -19,11 +20,13 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
 
     Candidates are compared at one step, chosen for the base; with an effect in front of a plant that depends on rates
     the same step may bias the parameters. A step that was ``given`` stays, with a note on the bias.
+    Raises KeyboardInterrupt where the search is to end.
     """
     first = model.setup.experiments[0].times.h
     if len(model.r) <= len(model.theta):
         return model, []
     while True:
+        checkpoint()
         try:
             problem, setup = halved(model.problem, model.setup)
         except RunError:  # more steps than fit into memory

@@ -97,22 +97,37 @@ def column_space(
     lengths = np.einsum("ij,ij->j", whole, whole) if J.has_own else np.ones(len(values))
     largest = max([values.max(initial=0.0), 1e-300, *(one.largest for one in experiments)])
     seen = values > tolerance * largest * lengths
+    return _joined(scaled, experiments, (common, whole[:, seen] / np.sqrt(values[seen])), whole[:, ~seen], scale)
+
+
+def _joined(
+    J: Jacobian,
+    experiments: list[_Own],
+    projected: tuple[np.ndarray, np.ndarray],
+    unseen: np.ndarray,
+    scale: np.ndarray,
+) -> ColumnSpace:
+    """The column space of the experiments' own columns, and of what is left of the common ones.
+
+    ``projected`` holds the common columns with the own ones projected out (N, m), and the way (n, q) to the basis of
+    their space; ``unseen`` (n, z) are the directions that have no effect there.
+    """
+    common, way = projected
     first = np.cumsum([0, *(one.left.shape[1] for one in experiments)])
-    turn = np.zeros((n, first[-1] + int(seen.sum())))
-    turn[:, first[-1] :] = whole[:, seen] / np.sqrt(values[seen])
-    unseen, basis = [np.linalg.qr(whole[:, ~seen])[0] if J.has_own else whole[:, ~seen]], np.zeros(J.own.shape)
+    turn = np.concatenate([np.zeros((len(way), first[-1])), way], axis=1)
+    nothing, basis = [np.linalg.qr(unseen)[0] if J.has_own else unseen], np.zeros(J.own.shape)
     for rows, columns, one, begin in zip(J.rows, J.own_columns, experiments, first[:-1], strict=True):
         rank = one.left.shape[1]
         turn[columns, begin : begin + rank] = one.turn
         basis[rows, :rank] = one.left
-        unseen.append(np.zeros((n, one.unseen.shape[1])))
-        unseen[-1][columns] = one.unseen
+        nothing.append(np.zeros((len(way), one.unseen.shape[1])))
+        nothing[-1][columns] = one.unseen
     places = tuple(np.arange(a, b) for a, b in itertools.pairwise(first.tolist()))
-    turned = product(common, vectors[:, seen] / np.sqrt(values[seen]))
-    made = Jacobian(turned, basis, J.rows, np.arange(first[-1], turn.shape[1]), places)
-    nothing = np.concatenate(unseen, axis=1)
-    turn = (turn - nothing @ (nothing.T @ turn)) / scale[:, None]  # the shortest way to each column of the basis
-    return ColumnSpace(made, turn, nothing, scale)
+    last = product(common, way[J.common_columns])
+    made = Jacobian(last, basis, J.rows, np.arange(first[-1], turn.shape[1]), places)
+    without = np.concatenate(nothing, axis=1)
+    turn = (turn - without @ (without.T @ turn)) / scale[:, None]  # the shortest way to each column of the basis
+    return ColumnSpace(made, turn, without, scale)
 
 
 def _without(J: Jacobian, held: np.ndarray, tolerance: float) -> ColumnSpace:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import attrs
 import numpy as np
 
+from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.fitting.optimizer import (
     CONSTRAINT_TOLERANCE,
     OptimizerResult,
@@ -70,6 +71,7 @@ class _Search:
     def run(self, history: list[float], iterations: int, progress: ProgressCallback) -> str:
         """Iterate until the search ends; returns the status."""
         for _ in range(iterations):
+            checkpoint()
             ended = self.iterate()
             history.append(self.cost)
             progress("gauss-newton", self.evaluations, self.cost)
