@@ -11,7 +11,7 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.cli.common import SEVERAL, UsageError, finite_float, name_and_value, passed, row_range
+from tsmblocks.cli.common import SEVERAL, UsageError, finite_float, integer_from, name_and_value, passed, row_range
 from tsmblocks.cli.console import print_note
 from tsmblocks.common.errors import near
 from tsmblocks.common.units import heading, split_heading
@@ -23,7 +23,7 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
     ``condition`` is False for a command that does not use measured inputs, or filters them by default.
     """
     add = options.add_argument
-    what = "measured signals: CSV and its relatives, NPZ, MAT"
+    what = "measured signals: CSV and its relatives, NPZ, MAT, HDF5, JSON, XLSX, Parquet, MDF"
     if several:
         add("--data", metavar="FILE", help=f"{what}; each file is one experiment", **SEVERAL)
     else:
@@ -35,18 +35,23 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
     add("--map", metavar="NAME=COLUMN", type=name_and_value, default=[], help=named, **SEVERAL)
     columns = (
         "names of the columns, in order, where the file has no header, or in its place: 't, x_in [deg], , x_out' "
-        "(empty for a column that is not read)"
+        "(empty for a column that is not read, as are those after the last name)"
     )
     add("--columns", metavar="A,B,C", help=columns)
     rows = "rows of the file to read, counted from 1"
     add("--rows", metavar="FIRST:LAST", type=row_range, default=(None, None), help=rows)
-    add("--group", metavar="NAME", help="the structure or group of a MAT, HDF5 or NPZ file to read")
+    add("--group", metavar="NAME", help="the structure, group or sheet of a file to read")
     sampling = "time in s from row to row, for a file without a time column"
     add("--sampling", metavar="S", type=finite_float, help=sampling)
     tail = "rows after a jump back in time: refuse the file (default), or drop them"
     add("--tail", choices=("refuse", "drop"), default="refuse", help=tail)
     gaps = "long gaps in time: refuse the file (default), or keep them"
     add("--gaps", choices=("refuse", "keep"), default="refuse", help=gaps)
+    fewer = options.add_mutually_exclusive_group()
+    every = "keep one of N samples, after a low-pass against aliasing"
+    fewer.add_argument("--decimate", metavar="N", type=integer_from(1), default=1, help=every)
+    grid = "resample to a step of DT s, after a low-pass against aliasing where that is longer"
+    fewer.add_argument("--resample", metavar="DT", type=finite_float, help=grid)
     if condition:
         filtered = "filter the noise of measured inputs out first, as diagnose does"
         add("--condition", dest="conditioned", action="store_true", help=filtered)
@@ -62,6 +67,8 @@ def command_line(command: str, diagram: str, args: argparse.Namespace) -> str:
     words += ["--rows", f"{first or ''}:{last or ''}"] if args.rows != (None, None) else []
     for option, value in (("--tail", args.tail), ("--gaps", args.gaps)):
         words += [option, value] if value != "refuse" else []
+    words += ["--decimate", str(args.decimate)] if args.decimate > 1 else []
+    words += ["--resample", str(args.resample)] if args.resample is not None else []
     return shlex.join(words)
 
 
@@ -94,6 +101,10 @@ def read_record(
 
     given = passed(args, "columns", "rows", "group", "tail", "gaps")
     record = read(path or args.data, map=_map(args), only=only, also=also, step=args.sampling, **given)
+    if args.decimate > 1:
+        record = record.decimated(args.decimate)
+    elif args.resample is not None:
+        record = record.resampled(args.resample)
     if getattr(args, "conditioned", False):
         record = record.conditioned(drives)
     if report:

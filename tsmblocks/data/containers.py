@@ -85,6 +85,8 @@ def _matrix(origin: str, known: Mapping[str, np.ndarray], columns: Sequence[str]
     ((name, table),) = tables
     if columns and len(columns) == table.shape[0] != table.shape[1]:
         table = table.T
+    if columns and len(columns) < table.shape[1]:  # what follows is left out
+        columns = [*columns, *[""] * (table.shape[1] - len(columns))]
     if not columns or len(columns) != table.shape[1]:
         named = f"{len(columns)} names were given" if columns else "they have no names"
         raise DataError(

@@ -15,7 +15,7 @@ from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError, clip, in_words, near
 from tsmblocks.common.tables import listed
 from tsmblocks.common.units import UnitError, factor, same, split_heading
-from tsmblocks.data import containers, text
+from tsmblocks.data import containers, formats, text
 from tsmblocks.data.grid import usual_step
 from tsmblocks.data.missing_units import how_to_map, map_argument
 from tsmblocks.data.record import Record
@@ -28,8 +28,16 @@ READERS = {
     ".mat": containers.open_mat,
     ".h5": containers.open_hdf5,
     ".hdf5": containers.open_hdf5,
+    ".json": formats.open_json,
+    ".jsonl": formats.open_json,
+    ".ndjson": formats.open_json,
+    ".xlsx": formats.open_xlsx,
+    ".xlsm": formats.open_xlsx,
+    ".parquet": formats.open_parquet,
+    ".mf4": formats.open_mdf,
+    ".mdf": formats.open_mdf,
 }
-"""Functions that open files of arrays, by ending; a file with another ending is read as text."""
+"""Functions that open files by ending; one with another ending is read as text."""
 TIME_NAMES = ("t", "time", "timestamp", "seconds", "tout")
 """Names of a time column, whatever their case, best first."""
 MAX_PLAUSIBLE_STEP = 0.5
@@ -51,6 +59,11 @@ class ReadOptions:
     tail: str
     gaps: str
 
+    @property
+    def named(self) -> frozenset[str]:
+        """Names that the arguments mention: what is wrong with these is a fault."""
+        return frozenset([*self.renamed, *self.units, *(self.only or ()), *self.also])
+
 
 def read(
     path: str | Path,
@@ -66,7 +79,7 @@ def read(
     tail: str = "refuse",
     gaps: str = "refuse",
 ) -> Record:
-    r"""Read a measurement from a CSV-like text file, NPY, NPZ, MAT (5 or 7.3) or HDF5.
+    r"""Read a measurement from a CSV-like text file, NPY, NPZ, MAT (5 or 7.3), HDF5, JSON, XLSX, Parquet or MDF.
 
     Dates and times in a text file (ISO 8601, ``22.11.2026 14:03:07``, or times of day, which may pass midnight) become
     seconds from the first on. Repeated and unsorted times, short gaps and missing numbers are repaired; the record's
@@ -77,8 +90,8 @@ def read(
     path : str or Path
         The file.
     columns : sequence of str, str or None, default None
-        Names of the columns in order, as a list or with commas (``"t, x_in [deg]"``; an empty name skips one), for a
-        file without a header, or in place of its header.
+        Names of the columns in order, as a list or with commas (``"t, x_in [deg]"``; those with an empty name, or after
+        the last one, are left out), for a file without a header, or in place of its header.
     map : mapping of str to str, default None
         Other names for columns, with a unit where the file gives none: ``{"x_in [deg]": "motor angle"}``, the time as
         ``"t"``. The end of a path such as ``Model Root/angle/Out1`` suffices.
@@ -93,7 +106,7 @@ def read(
     step : float or None, default None
         Time from row to row [s], for files without a time column.
     group : str or None, default None
-        Structure or group of a MAT, HDF5 or NPZ file to read.
+        Structure or group of a MAT, HDF5, NPZ or JSON file, sheet of an XLSX file or channel group of an MDF file.
     tail : {"refuse", "drop"}, default "refuse"
         What to do with rows after a jump of the time backwards.
     gaps : {"refuse", "keep"}, default "refuse"
@@ -130,6 +143,7 @@ def read(
         if not path.parent.is_dir():
             raise DataError(f"there is no file {path}: there is no folder '{path.parent}'.")
         raise DataError(f"there is no file {path}.{near(path.name, [p.name for p in path.parent.iterdir()])}")
+    formats.refuse_unread(path)
     renamed, labels = _names_and_units(str(path), map or {}, units or {})
     options = ReadOptions(renamed, labels, only, also, rows, step, tail, gaps)
     reader = READERS.get(path.suffix.lower())
@@ -205,10 +219,16 @@ def _names_and_units(
 def _record(source: Source, name: str, options: ReadOptions) -> Record:
     origin, columns = source.origin, [split_heading(text) for text in source.headings]
     _check(origin, options)
-    places = _places(source, columns, options.renamed)
+    places = _places(source, columns, options)
     time = None if options.step is not None else _time(source, places)
     bare = any(not unit and name.lower() not in TIME_NAMES for name, unit in columns)
     places = _selected(source, places, options, time, bare)
+    wordy = (
+        []
+        if options.only is not None
+        else source.words([p for k, p in places.items() if k not in options.named and k != time])
+    )
+    places = {k: place for k, place in places.items() if place not in wordy}
     labels = _labels(origin, places, columns, options.units)
     if time is not None:
         places = {time: places[time], **places}  # first
@@ -227,11 +247,17 @@ def _record(source: Source, name: str, options: ReadOptions) -> Record:
     names, units, numbers = zip(*read_columns, strict=True)
     requested = frozenset([*options.renamed, *options.units, *(options.only or ())])
     data = np.column_stack([t, signals])
-    table = Table(origin, names, units, data, rows, numbers, (), options.tail, options.gaps, requested)
-    table = repaired(table)
+    table = repaired(Table(origin, names, units, data, rows, numbers, (), options.tail, options.gaps, requested))
     notes = (*source.notes, *_column_notes(places, columns, labels), *_time_notes(source, options, table), *table.notes)
-    own_units = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
-    return Record(name, table.values[:, 0], dict(table.signals()), own_units, origin, notes, table.filled)
+    notes += tuple(_left_out([columns[place][0] for place in wordy]))
+    labels = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
+    return Record(name, table.values[:, 0], dict(table.signals()), labels, origin, notes, table.filled)
+
+
+def _left_out(names: Sequence[str]) -> Iterator[str]:
+    """A sentence on columns of text, which nothing but a wish for all columns asked for."""
+    for name in names:
+        yield f"{name} holds text and no number, and was left out."
 
 
 def _column_notes(
@@ -276,22 +302,22 @@ def _labels(
     return {k: wanted.get(k, columns[place][1]) for k, place in places.items()}
 
 
-def _places(source: Source, columns: Sequence[tuple[str, str]], renamed: Mapping[str, str]) -> dict[str, int]:
+def _places(source: Source, columns: Sequence[tuple[str, str]], options: ReadOptions) -> dict[str, int]:
     """Column numbers by the name that the record will use, in the order of the columns."""
     names = [name for name, _ in columns]
-    renamed = {name: _column(source, name, column, columns) for name, column in renamed.items()}
+    renamed = {name: _column(source, name, column, columns) for name, column in options.renamed.items()}
     places = {name: names.index(column) for name, column in renamed.items()}
     under_other_names = set(renamed.values()) - set(renamed)
     found: dict[str, int] = {}
     for place, name in enumerate(names):
         if not name or name in under_other_names or name in renamed:
             continue
-        if name in found:
+        if name in found and (options.only is None or name in options.named or name.lower() in TIME_NAMES):
             raise DataError(
                 f"{source.origin}: columns {found[name] + 1} and {place + 1} are both named '{name}'. "
                 "Give the columns other names (columns = …)."
             )
-        found[name] = place
+        found.setdefault(name, place)
     return dict(sorted({**found, **places}.items(), key=lambda item: item[1]))
 
 

@@ -282,7 +282,7 @@ class Record(SignalViews):
 
     part, split = parts.part, parts.split
     period, periods = parts.period, parts.periods
-    resampled = resampling.resampled
+    resampled, decimated = resampling.resampled, resampling.decimated
     filtered, differentiated = filters.filtered, filters.differentiated
     conditioned = conditioning.conditioned
     unwrapped, with_signal = signal_methods.unwrapped, signal_methods.with_signal

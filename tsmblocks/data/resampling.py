@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsmblocks.common.errors import DataError
+from tsmblocks.common.errors import DataError, in_words
 from tsmblocks.common.interpolation import found_hold, interpolation
 from tsmblocks.data.filters import low_pass
 from tsmblocks.data.grid import refuse_not_finite
@@ -84,6 +84,29 @@ def _decimated(record: Record, grid: np.ndarray, step: float) -> Record:
         f"{cutoff:.4g} Hz."
     )
     return even._changed(note, t=grid, signals=signals, filled=_filled_on(record, grid))
+
+
+def decimated(self: Record, factor: int) -> Record:
+    """Return the record at a step that is so many times as long, after a zero-phase low-pass against aliasing.
+
+    Parameters
+    ----------
+    factor : int
+        New step in steps of the record.
+
+    Returns
+    -------
+    Record
+        The record with fewer samples.
+
+    Raises
+    ------
+    DataError
+        For a factor below 1 or one that leaves no record, and for samples that are not finite.
+    """
+    if isinstance(factor, bool) or not isinstance(factor, int) or factor < 1:
+        raise DataError(f"{self.called}: decimated takes a whole number of at least 1, got {in_words(factor)}.")
+    return self if factor == 1 else resampled(self, factor * self.step)
 
 
 def _filled_on(record: Record, grid: np.ndarray) -> dict[str, np.ndarray]:

@@ -84,6 +84,10 @@ class Source:
     folder: str = ""
     clocks: Mapping[int, datetime] = attrs.field(factory=dict, repr=False)
 
+    def words(self, places: Sequence[int]) -> list[int]:
+        """The columns that hold text, and no number in any row."""
+        return []
+
     def numbers(self, chosen: Sequence[int], rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         """Values of the chosen columns, shape (samples, columns), and the row number of each sample."""
         raise NotImplementedError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from datetime import date, datetime, time
 from pathlib import Path
@@ -139,6 +139,19 @@ class Text(Source):
             return self._one_by_one(lines, at, chosen), at
         return np.where(np.isfinite(values), values, np.nan), at
 
+    def words(self, places: Sequence[int]) -> list[int]:
+        """The columns that hold text, and no number in any row."""
+        open_places = [k for k in places if k not in self.clocks]
+        filled: set[int] = set()
+        for line in self.lines:
+            if not open_places:
+                break
+            cells = _cells(line, self.separator)
+            found = {k: _number(cells[k]) for k in open_places if k < len(cells)}
+            filled |= {k for k, number in found.items() if number is None}
+            open_places = [k for k in open_places if (number := found.get(k)) is None or np.isnan(number)]
+        return [k for k in open_places if k in filled]
+
     def _check_lengths(self, lines: list[str], at: np.ndarray) -> None:
         c = self.separator
         counts = np.array([line.count(c) + 1 for line in lines] if c else [len(line.split()) for line in lines])
@@ -193,8 +206,13 @@ def _and_more(count: int, what: str) -> str:
 
 def open_text(path: Path, columns: Sequence[str] | None) -> Text:
     """Split a text file into headings and lines. Raises DataError when it is no table or has no header."""
+    whole, notes = _decoded(path, path.read_bytes())
+    return text_of(path, whole, columns, notes)
+
+
+def text_of(path: Path, whole: str, columns: Sequence[str] | None, noted: Iterable[str]) -> Text:
+    """Headings and lines of a text; ``noted`` is what was assumed of it so far. Raises DataError as ``open_text``."""
     lines, at, remark = list[str](), list[int](), ""
-    whole, decoding_notes = _decoded(path, path.read_bytes())
     for number, line in enumerate(re.split("\r?\n|\r", whole), 1):
         bare = line.strip()
         if bare.startswith(COMMENTS):
@@ -204,7 +222,7 @@ def open_text(path: Path, columns: Sequence[str] | None) -> Text:
             at.append(number)
     if not lines:
         raise DataError(f"{path}: the file holds no numbers, only comments.")
-    separator, notes = _separator(lines[:50]), list(decoding_notes)
+    separator, notes = _separator(lines[:50]), list(noted)
     first = _cells(lines[0], separator)
     headings = _headings(path, columns, first, remark, separator)
     if not _is_numeric(first):
@@ -256,6 +274,8 @@ def _headings(
     if columns:
         if first[-1] == "" and len(columns) == len(first) - 1:  # lines that end with the separator
             columns = [*columns, ""]
+        if len(columns) < len(first):  # what follows is left out
+            columns = [*columns, *[""] * (len(first) - len(columns))]
         if len(columns) != len(first):
             raise DataError(
                 f"{path}: the file has {len(first)} columns, but {len(columns)} names were given "
