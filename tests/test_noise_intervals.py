@@ -54,7 +54,7 @@ def test_an_interval_is_wide_where_noise_is_slow():
 
 
 def test_a_load_that_moves_while_the_inputs_rest_is_no_noise():
-    (floor, _, high), methods, doubts = drawn("white", "creeping", 12)
+    (floor, _, high), methods, doubts = drawn("white", "creeping", 24)
     assert set(methods) == {"high frequencies"}
     assert np.all(np.abs(floor - 1) < 0.1)
     assert np.all(np.isinf(high))

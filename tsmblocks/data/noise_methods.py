@@ -163,14 +163,15 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
         return None
     still = np.all([_resting(record[k]) for k in others], axis=0)
     rests = [(a, b) for a, b in stretches(still) if b - a >= MIN_STILL_SAMPLES]
-    made, fast = [], _fast(record, name)
+    made, moving, fast = list[Stretch](), list[Stretch](), _fast(record, name)
     for a, b in rests:
         rest = Stretch(record[name][a + (b - a) // 5 : b], record.step)  # the signal settles during the first fifth
         first, still = settled([rest], fast)
-        made += [rest.cut(first)] if still else []
+        (made if still else moving).append(rest.cut(first))
     found = Found("stand-still", tuple(made), float(record.t[-1] - record.t[0]))
     if found.samples - len(made) < MIN_FREEDOM:
-        return None
+        found = attrs.evolve(found, stretches=tuple(moving))
+        return attrs.evolve(found, doubt=f"the signal moves while the inputs rest ({_size(found)})") if moving else None
     if smooth(made, fast) or any(_follows(record, k, name, rests) for k in others):
         return attrs.evolve(found, doubt=f"the signal moves while the inputs rest ({_size(found)})")
     return found
