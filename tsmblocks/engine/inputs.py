@@ -91,8 +91,8 @@ class Signal:
         return np.append(made, made[-1] if len(made) else 0.0)
 
     def is_on_steps(self, start: float, step: float) -> bool:
-        """Whether the samples lie on the steps, linear in between, so that values are found by position."""
-        if self.hold != "linear" or len(self.t) < 2:
+        """Whether the samples lie on the steps, so that values are found by position."""
+        if self.hold not in ("linear", "cubic") or len(self.t) < 2:
             return False
         if abs(self.t[0] - start) + abs(self.t[1] - self.t[0] - step) > 1e-9 * step:
             return False
@@ -100,6 +100,10 @@ class Signal:
             steps = start + step * np.arange(len(self.t))
             self._grid = start, step, bool(np.abs(self.t - steps).max() <= 1e-9 * step)
         return self._grid[2]
+
+    def is_found_by_position(self, order: int, offset: float) -> bool:
+        """Whether ``on_steps`` gives a derivative at a fraction of the steps: a cubic's own samples only."""
+        return order <= 1 if self.hold == "linear" else order == 0 and offset in (0, 1)
 
     def on_steps(self, first: int, count: int, offset: float, order: int) -> np.ndarray:
         """Values at a fraction of the steps ``first`` ... ``first + count``, or the derivatives over those steps."""
@@ -195,7 +199,7 @@ def input_rows(
     for i, offset in enumerate(offsets):
         t, shift = start + (k + offset) * step, LATE_SAMPLE * step * (-1 if offset == 1 else 1)
         for j, (signal, order) in enumerate(signals):
-            if order <= 1 and signal.is_on_steps(start, step):
+            if signal.is_found_by_position(order, offset) and signal.is_on_steps(start, step):
                 made[:, i, j] = signal.on_steps(first, count, offset, order)
             else:
                 made[:, i, j] = signal.at(t, order, shift)
