@@ -796,6 +796,19 @@ def test_machine_code_lives_as_long_as_whoever_may_call_it():
     assert code() is None
 
 
+def test_only_the_functions_used_last_stay_loaded(monkeypatch):
+    monkeypatch.setattr(jit, "MOST_LOADED", 3)
+    monkeypatch.setattr(jit, "_LOADED", {})
+    texts = [f"define void @run(ptr %t) {{\n  store i64 {k}, ptr %t\n  ret void\n}}\n" for k in range(5)]
+    engines = []
+    for text in (*texts[:3], texts[0], *texts[3:]):  # the first is used once more before the last two
+        jit.compile_text(text, promote=True)
+        engines.append(weakref.ref(jit._LOADED[next(reversed(jit._LOADED))][0]))
+    gc.collect()
+    assert len(jit._LOADED) == 3
+    assert [engine() is not None for engine in engines] == [True, False, False, True, True, True]
+
+
 def test_a_store_others_may_write_to_is_not_used(tmp_path, monkeypatch):
     store = tmp_path / "open"
     store.mkdir(mode=0o777)

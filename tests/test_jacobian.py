@@ -7,10 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import tsmblocks as tsm
+from tsmblocks.blocks import Play
 from tsmblocks.fitting.column_space import column_space
 from tsmblocks.fitting.identifiability import undetermined
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.quadratic_program import quadratic_step, reduced_step
+from tsmblocks.fitting.setup import pose
 from tsmblocks.fitting.statistics import RANK, moved, uncertainty
 
 
@@ -152,3 +155,16 @@ def test_a_reduced_step_is_the_step_of_the_whole_matrix(seed, experiments, commo
     np.testing.assert_allclose(step, whole, atol=1e-8 * np.abs(whole).max())
     np.testing.assert_allclose(multipliers, force, atol=1e-7 * max(np.abs(force).max(initial=0.0), 1.0))
     assert not bounded or (np.abs(step[some]) <= 0.1 + 1e-9).all()
+
+
+def test_what_was_recorded_is_kept_once_for_all_candidates():
+    """Of a diagram with one more block only what the block adds is made; it goes with the recording."""
+    t = np.arange(300) * 0.01
+    record = tsm.Record("run", t, {"x_in": np.sin(t), "x_out": np.sin(t)}, {"x_in": "rad", "x_out": "rad"})
+    plain = tsm.load("tendon_sheath_linear")
+    first, second = (pose(d, record)[1].experiments[0] for d in (plain, plain.insert("gap", Play(), before="x_out")))
+    assert first.eq is not second.eq
+    assert first.measured is second.measured
+    assert first.rows is second.rows
+    assert not first.rows.flags.writeable
+    assert pose(plain, record, hold="zero")[1].experiments[0].rows is not first.rows

@@ -254,7 +254,7 @@ class _Screening:
 
 def _better_start(problem: Problem, one: _ShapeTrial) -> np.ndarray:
     """The starting point with the lower cost: base parameters moved as their derivatives predict, or unchanged."""
-    shifted, base_fixed = problem.costs(np.stack([one.theta, one.theta_base_fixed]))
+    shifted, base_fixed = problem.costs(np.stack([one.theta, one.theta_base_fixed]), quick=True)
     return one.theta_base_fixed if not shifted <= base_fixed else one.theta
 
 

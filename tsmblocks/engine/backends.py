@@ -25,8 +25,9 @@ class CompiledKernel(Kernel):
         large = size > LARGE_OPERATIONS
         writer = (LargeKernel if large else RegisterKernel)(plan, jit.host())
         super().__init__(writer)
-        self.text, self.work = writer.text(), writer.work
-        self.function = jit.compile_text(self.text, promote=not large, quick=quick and not large)
+        text = writer.text()  # not kept: it takes more memory than the code
+        self.work = writer.work
+        self.function = jit.compile_text(text, promote=not large, quick=quick and not large)
 
     def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
         settings = np.empty(2 + len(SETTINGS) + len(steps.hits))

@@ -21,6 +21,9 @@ from typing import Any
 CACHE_BYTES = 200_000_000
 """Size of the cache [bytes] above which the oldest files are deleted. Chosen: small beside a disk."""
 _LOCK = threading.Lock()
+MOST_LOADED = 64
+"""Functions that are kept loaded beside those in use, each of which takes 0.8 MB. Chosen: as many as the candidates of
+one round of a diagnosis; what is loaded again from the cache on disk takes some 2 ms."""
 _LOADED: dict[str, tuple[Any, Any]] = {}
 _MAGIC = b"tsmblocks machine code 1\n"
 WRITES_PER_PRUNE = 200
@@ -147,12 +150,16 @@ def compile_text(text: str, *, promote: bool, quick: bool = False) -> Any:
     with _LOCK:
         machine, identity = _machine(llvm, quick)
         key = hashlib.sha256(f"{identity}|{promote}|{text}".encode()).hexdigest()
-        if key not in _LOADED:
+        if key in _LOADED:
+            _LOADED[key] = _LOADED.pop(key)  # the last ones used are kept
+        else:
             engine = llvm.create_mcjit_compiler(_module(llvm, ""), machine)
             engine.add_object_file(llvm.ObjectFileRef.from_data(_object(llvm, machine, key, text, promote)))
             engine.finalize_object()
             function: Any = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(engine.get_function_address("run"))
             function.engine = engine  # keeps the code alive as long as the function
+            while len(_LOADED) >= MOST_LOADED:
+                _LOADED.pop(next(iter(_LOADED)))
             _LOADED[key] = (engine, function)
         return _LOADED[key][1]
 

@@ -29,7 +29,7 @@ PIECE_SECONDS = 0.2
 """Time [s] that a kernel runs before Ctrl-C and the progress callback are served. Chosen: short for a person."""
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=48)
 def single_kernel(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> Kernel:
     """A kernel for one run at a time (kept, since equations are compared by identity)."""
     return kernel_for(plan_for(eq, method, y), backend)

@@ -107,7 +107,7 @@ def _joined(
     unseen: np.ndarray,
     scale: np.ndarray,
 ) -> ColumnSpace:
-    """The column space of the experiments' own columns, and of what is left of the common ones.
+    """The column space of the experiments' own columns, and of the rest of the common ones.
 
     ``projected`` holds the common columns with the own ones projected out (N, m), and the way (n, q) to the basis of
     their space; ``unseen`` (n, z) are the directions that have no effect there.

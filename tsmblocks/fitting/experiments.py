@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import attrs
 import numpy as np
@@ -33,7 +34,13 @@ UNEVEN = 5e-3
 PIECE = 2000
 """Samples that lanes run for at a time. Chosen: their rows stay in the cache of the processor."""
 
+MOST_SHARED = 8
+"""Arrays that are kept for a recording. Chosen: two steps, inputs with and without derivatives, and the outputs."""
+
 Window = tuple[float | None, float | None]
+
+_SHARED: WeakKeyDictionary[Record, dict[str, np.ndarray]] = WeakKeyDictionary()
+"""Arrays made from recordings by what they are: a search makes hundreds of diagrams ready for the same ones."""
 
 
 @attrs.frozen(eq=False)
@@ -191,7 +198,18 @@ def prepare(
     place = np.arange(cut.start, cut.stop) if even else np.minimum(exact.astype(int), times.steps - 1)
     _refuse_missing(record, diagram)
     holds = resolved_holds(record, diagram.inports, hold, eq.orders)
-    ordered = gather_signals(eq, inputs(record, diagram, holds, times.grid[-1]), times.grid, holds)
+    units = tuple(port.unit for port in diagram.inports.values())
+    wanted = tuple((k, diagram.unit(k)) for k in outputs)
+
+    def rows() -> np.ndarray:
+        ordered = gather_signals(eq, inputs(record, diagram, holds, times.grid[-1]), times.grid, holds)
+        return input_rows(ordered, start, h, 0, times.steps, rule.instants)
+
+    def measured() -> np.ndarray:
+        return np.stack([signal_of(name, record, k, unit)[cut] for k, unit in wanted], axis=1)
+
+    # Tapes belong to one diagram; what was recorded is the same for every candidate of a search.
+    kind = repr((eq.u, tuple(diagram.inports), units, holds, times, rule.instants))
     return Experiment(
         name,
         record,
@@ -199,16 +217,27 @@ def prepare(
         rule,
         tuple(eq.y.index(eq.aliases[k]) for k in outputs),
         times,
-        input_rows(ordered, start, h, 0, times.steps, rule.instants),
+        rows() if eq.tapes else _shared(record, kind, rows),
         steps_per_period(eq, h),
         t,
-        np.stack([signal_of(name, record, k, diagram.unit(k))[cut] for k in outputs], axis=1),
+        _shared(record, repr((wanted, cut)), measured),
         place,
         None if even else exact - place,
         holds,
         backend,
         _counted(record, outputs, cut),
     )
+
+
+def _shared(record: Record, kind: str, make: Callable[[], np.ndarray]) -> np.ndarray:
+    """An array made from a recording, which all diagrams share for as long as the recording lives."""
+    known = _SHARED.setdefault(record, {})
+    if kind not in known:
+        while len(known) >= MOST_SHARED:
+            known.pop(next(iter(known)))
+        known[kind] = make()
+        known[kind].setflags(write=False)
+    return known[kind]
 
 
 def _counted(record: Record, outputs: Sequence[str], cut: slice) -> np.ndarray | None:

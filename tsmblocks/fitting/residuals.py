@@ -170,14 +170,14 @@ class Problem:
         cost = 0.5 * squares + self.prior_cost(theta)
         return cost if np.isfinite(cost) else np.inf, gradient + slope, matrix + np.diag(curvature)
 
-    def costs(self, thetas: np.ndarray) -> np.ndarray:
-        """Cost of many sets at once, shape (sets,), run side by side in lanes and threads."""
+    def costs(self, thetas: np.ndarray, *, quick: bool = False) -> np.ndarray:
+        """Cost of many sets at once, shape (sets,), run side by side in lanes and threads; ``quick`` for a few."""
         count = len(thetas)
         lanes = runs.lanes_for(count)
         groups = [thetas[np.minimum(np.arange(a, a + lanes), count - 1)] for a in range(0, count, lanes)]
         jobs = []
         for group in groups:
-            kernel, memories = runs.lane_runs(self.experiments, self.unknowns.sets(group), self._vary)
+            kernel, memories = runs.lane_runs(self.experiments, self.unknowns.sets(group), self._vary, quick=quick)
             jobs += [(one, kernel, memory) for one, memory in zip(self.experiments, memories, strict=True)]
 
         def squares(job: tuple[Experiment, Kernel, Memory]) -> np.ndarray:

@@ -18,11 +18,14 @@ from tsmblocks.engine.sensitivities import tangent_plan
 from tsmblocks.engine.session import check_delays, delay_capacity, steps_per_period
 from tsmblocks.simulation.arguments import TimeGrid
 
+MOST_KERNELS = 48
+"""Kernels of a kind that are kept, each of which takes 0.8 MB. Chosen: a fit uses a few, a round of a diagnosis some
+fifty."""
 MOST_DIRECTIONS = 32
 """Directions of derivatives side by side in one run. Chosen: registers hold the states of usual diagrams."""
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=MOST_KERNELS)
 def batch_kernel(
     eq: Equations,
     method: Method,
@@ -36,7 +39,7 @@ def batch_kernel(
     return kernel_for(plan_for(eq, method, y, lanes=lanes, vary=vary), backend, quick)
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=MOST_KERNELS)
 def tangent_kernel(eq: Equations, method: Method, y: tuple[int, ...], lanes: int, backend: str) -> Kernel:
     """A kernel with one seed direction per lane (cached)."""
     return kernel_for(tangent_plan(eq, method, y, lanes), backend)
