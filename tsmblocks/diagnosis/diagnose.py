@@ -216,7 +216,7 @@ def _diagnosed(
             notes.append(f"{part.name}: the plant integrates, so its simulation restarts every second.")
         base = _calibrated(part, records, settings, progress)
         floors, more_notes = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
-        notes += more_notes
+        notes += [*floors.notes, *more_notes]
         if floors.sigma != settings.sigma:
             settings = attrs.evolve(settings, sigma=floors.sigma)
             base = _calibrated(part, records, settings, progress)

@@ -11,7 +11,7 @@ from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import conditioned
 from tsmblocks.data.filters import white_noise_power
-from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, fast_noise_of_recordings, noise_of_recordings
+from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, Noise, fast_noise_of_recordings, noise_over_recordings
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
@@ -19,9 +19,9 @@ from tsmblocks.model.diagram import Diagram
 
 GIVEN = "given"
 """The method of a noise floor that the user gave."""
-SLOW_NOISE_RATIO = 1.4
-"""True noise over an estimated floor, at most. Source: on independent benches with slow noise, floors from periods and
-rests were 0.66 to 1.09 of the true one, and all but the lowest above 1 / 1.4."""
+MIN_UPPER_RATIO = 1.4
+"""The largest noise that is plausible over an estimated floor, at least. Chosen: noise during a motion may exceed that
+of rests, and the residual of a model that of differences between periods."""
 BURST_RATIO = 2.0
 """Mean square of a noise over that of its median time block, at most. Source: 1.4 at most on independent benches whose
 noise comes in bursts, and 1.9 to 3.4 with disturbances that come and go."""
@@ -58,22 +58,33 @@ class NoiseLevel:
 class NoiseFloors:
     """Rms noise of each output, in the diagram's unit, and the method of its estimate.
 
-    ``given`` holds the text that the user gave.
+    ``given`` holds the text that the user gave, ``high`` the upper end of the 95 % interval of an estimate, ``doubt``
+    what speaks against it.
     """
 
     sigma: Mapping[str, float]
     method: Mapping[str, str]
     given: Mapping[str, str] = attrs.field(factory=dict)
+    high: Mapping[str, float] = attrs.field(factory=dict)
+    doubt: Mapping[str, str] = attrs.field(factory=dict)
+
+    @property
+    def notes(self) -> list[str]:
+        """What speaks against the floors."""
+        return [f"the noise floor of {name}, from {self.method[name]}: {text}." for name, text in self.doubt.items()]
+
+    def largest_ratio(self, output: str) -> float:
+        """The largest noise of an output that is plausible, over its floor."""
+        if self.method[output] == GIVEN:
+            return 1.0
+        if self.method[output] == HIGH_FREQUENCIES:
+            return np.inf
+        return max(MIN_UPPER_RATIO, self.high.get(output, 0.0) / self.sigma[output])
 
     @property
     def is_given(self) -> bool:
         """Whether the floors of all outputs were given."""
         return set(self.method.values()) == {GIVEN}
-
-    @property
-    def reliable(self) -> bool:
-        """Whether more than fast noise could be estimated, for every output."""
-        return HIGH_FREQUENCIES not in self.method.values()
 
 
 def noise_level(floors: NoiseFloors, input_noise: float, unpredicted: float) -> NoiseLevel:
@@ -82,17 +93,11 @@ def noise_level(floors: NoiseFloors, input_noise: float, unpredicted: float) -> 
     ``input_noise`` is the variance that noise of the inputs causes. What was given is right; an estimated floor misses
     noise that is slow, and is no higher than what is not predicted.
     """
-    ratios = [_largest_ratio(method) ** 2 for method in floors.method.values()]
+    ratios = [floors.largest_ratio(name) ** 2 for name in floors.sigma]
     low, high = 1 + input_noise, float(np.mean(ratios)) + input_noise
     if not floors.is_given:
         low = min(low, unpredicted)
     return NoiseLevel(low, high, unpredicted, floors.is_given)
-
-
-def _largest_ratio(method: str) -> float:
-    if method == GIVEN:
-        return 1.0
-    return np.inf if method == HIGH_FREQUENCIES else SLOW_NOISE_RATIO
 
 
 def noise_floors(
@@ -103,22 +108,25 @@ def noise_floors(
     Raises DataError where an output shows no noise at all.
     """
     given = {k: v for k, v in given.items() if k in outputs}
-    sigma, method = dict[str, float](), dict[str, str]()
-    for name in outputs:
-        own = (given[name][0], GIVEN) if name in given else _estimated(records, diagram, name)
-        sigma[name], method[name] = own
-    return NoiseFloors(sigma, method, {k: text for k, (_, text) in given.items()})
+    found = {name: _estimated(records, diagram, name) for name in outputs if name not in given}
+    return NoiseFloors(
+        {name: given[name][0] if name in given else found[name].floor for name in outputs},
+        {name: GIVEN if name in given else found[name].method for name in outputs},
+        {k: text for k, (_, text) in given.items()},
+        {k: one.high for k, one in found.items()},
+        {k: one.doubt for k, one in found.items() if one.doubt},
+    )
 
 
-def _estimated(records: Mapping[str, Record], diagram: Diagram, name: str) -> tuple[float, str]:
-    """The noise estimated from the recordings, and the method. Raises DataError where there is none."""
-    rms, method = noise_of_recordings(records, name, diagram.unit(name), diagram.inports)
-    if not rms > 0:
+def _estimated(records: Mapping[str, Record], diagram: Diagram, name: str) -> Noise:
+    """The noise estimated from the recordings. Raises DataError where there is none."""
+    found = noise_over_recordings(records, name, diagram.unit(name), diagram.inports)
+    if not found.floor > 0:
         raise DataError(
             f"no noise was found in {name}, so the residual has no scale. Give the noise "
             f"floor with its unit: noise_floor=…{diagram.unit(name)}."
         )
-    return rms, method
+    return found
 
 
 def lowered_noise_floors(
