@@ -107,7 +107,7 @@ def test_slow_noise_is_none_and_says_what_would_tell():
     found = tsm.diagnose(tsm.load("tendon_sheath_linear"), recordings("slow", 3), effects=["backlash", "jump", "drift"])
     assert found.verdict == "none"
     text = str(found)
-    assert "cannot be told apart" in " ".join(text.split())
+    assert "are indistinguishable" in " ".join(text.split())
     assert "Record the same motion twice" in " ".join(text.split())
 
 

@@ -57,12 +57,12 @@ def _slow_noise(segment: Segment) -> str:
     return (
         f" That is {gap.held_out[0] / gap.noise_floor:.2g} times the noise floor (from {gap.method}), but nothing that "
         "was recorded predicts it on held-out data: slow noise of that size and a model error that does not come back "
-        "with the motion cannot be told apart."
+        "with the motion are indistinguishable."
     )
 
 
 def next_steps(segment: Segment) -> list[str]:
-    """What to do next where a residual is not explained, or where noise and a model error cannot be told apart."""
+    """What to do next where a residual is not explained, or where noise and a model error are indistinguishable."""
     given = all(gap.given for gap in segment.gaps)
     repeat = "Record the same motion twice: a model error comes back, noise does not."
     floor = "Give the noise of the sensor (noise_floor), from a recording at rest or from its data sheet."
