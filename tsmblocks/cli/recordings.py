@@ -91,11 +91,12 @@ def read_record(
     also: Iterable[str] = (),
     report: bool = True,
     drives: Iterable[str] = (),
+    condition: Sequence[str] = (),
 ) -> Any:
     """Read the record that the data options describe; with ``report`` its repairs are printed on standard error.
 
     ``path`` is the file to read where the options name several; ``also`` are optional signals, and ``drives`` those
-    that --condition filters.
+    that --condition filters, ``condition`` those that are filtered without it, as the diagram's file says.
     """
     from tsmblocks.data import read
 
@@ -107,6 +108,8 @@ def read_record(
         record = record.resampled(args.resample)
     if getattr(args, "conditioned", False):
         record = record.conditioned(drives)
+    elif condition:
+        record = record.conditioned(condition)
     if report:
         print_repairs(args, record)
     return record
@@ -121,6 +124,14 @@ def print_repairs(args: argparse.Namespace, *records: Any) -> None:
 
 def _json(args: argparse.Namespace) -> bool:
     return getattr(args, "json", False)
+
+
+def take_hold(args: argparse.Namespace, diagram: Any) -> None:
+    """Take the interpolation of inputs that the diagram's file gives, where the command gives none."""
+    from tsmblocks.common.interpolation import AUTO
+
+    if args.hold == AUTO:
+        args.hold = diagram.simulation.hold or args.hold
 
 
 def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any, dict[str, Any]]:
@@ -148,7 +159,7 @@ def read_inputs(args: argparse.Namespace, diagram: Any, shown: str) -> tuple[Any
     measured = [name for name in diagram.outputs if name not in wanted]
     mapped = _mapped(args, [*wanted, *measured], lambda name: f"'{shown}' has no input or output '{name}'")
     only = [*wanted, *(k for k in measured if k in mapped)]
-    record = read_record(args, only, also=measured, report=False, drives=wanted)
+    record = read_record(args, only, also=measured, report=False, drives=wanted, condition=diagram.simulation.condition)
     diagram, adopted = with_adopted_units(diagram, {record.name: record})
     _refuse_doubtful(args, record, [diagram])
     wanted = diagram.inports
@@ -185,8 +196,10 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, report: bool = Tr
     only = [name for name in dict.fromkeys(signals) if name in mapped or all(name in d.inputs for d in diagrams)]
     also = [name for name in dict.fromkeys(signals) if name not in only]
     records: dict[str, Any] = {}
+    filters = hasattr(args, "conditioned")  # a diagnosis has a filter of its own
+    condition = list(dict.fromkeys(name for d in diagrams for name in d.simulation.condition if filters))
     for path in args.data:
-        record = read_record(args, only, path, also, report, wanted)
+        record = read_record(args, only, path, also, report, wanted, condition)
         _refuse_doubtful(args, record, diagrams)
         records[record.name if record.name not in records else str(path)] = record
     _note_assumed_units(args, [*records.values()], diagrams)

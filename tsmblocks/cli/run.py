@@ -17,6 +17,8 @@ from tsmblocks.cli import common, console, recordings
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.tables import columns
 
+DEFAULT_STEP = 1e-3
+"""Step [s] where neither the command nor the diagram's file gives one, as for ``simulate``."""
 HELP = "run a diagram, print its tracking error or a table of outputs"
 
 
@@ -25,8 +27,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add = partial(common.add, parser)
     add("diagram")
     add("--stop", type=common.finite_float, metavar="S", help="end of the run in s (default: end of the data, else 20)")
-    add("--step", default=1e-3, help="step in s (default 0.001)")
-    add("--method", "--set")
+    add("--step", help="step in s (default: that of the diagram's file, else 0.001)")
+    add("--method", default="", help="euler, heun or rk4 (default: that of the diagram's file, else rk4)")
+    add("--set")
     recordings.data_arguments(parser)
     add("--hold")
     add("--out", metavar="FILE", help="write the outputs to a .csv, .npz or .mat file")
@@ -43,8 +46,12 @@ def execute(args: argparse.Namespace) -> int:
 
     out, plot = common.result_path(args.out), common.figure_path(args.plot)
     diagram = load(args.diagram).with_parameters(dict(args.settings))
+    recordings.take_hold(args, diagram)
     record, inputs = recordings.read_inputs(args, diagram, args.diagram)
-    diagram = recordings.with_units_of(diagram, record)
+    known, name = diagram.simulation, record.name if record is not None else ""
+    diagram = recordings.with_units_of(diagram, record).with_parameters(known.start_of(name))
+    args.step = (known.step_of(name) or DEFAULT_STEP) if args.step is None else args.step
+    args.method = args.method or known.method or "rk4"
     run = _simulate(args, diagram, record, inputs, out)
     written = [str(run.save(out))] if out else []
     residuals = _residuals(diagram, run, record)

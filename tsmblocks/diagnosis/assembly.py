@@ -9,6 +9,7 @@ from tsmblocks.common.tables import listed
 from tsmblocks.common.version import __version__
 from tsmblocks.diagnosis.arguments import Request
 from tsmblocks.diagnosis.consequence import consequence
+from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of, in_whole_diagram
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
@@ -17,6 +18,7 @@ from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.summary import DiagnosedPart, segment_summary
 from tsmblocks.fitting.holds import common_holds, in_one_word
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.simulation import Simulation
 
 VERDICT_RANK = {"named": 2, "unknown": 1, "none": 0}
 """Verdicts by what they say: that of the whole diagram is the highest of its segments."""
@@ -39,8 +41,8 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
         " ".join(sentences),
         tuple(e for s in segments for e in s.effects),
         segments,
-        _whole_diagram(diagram, parts, with_effects=False),
-        _whole_diagram(diagram, parts, with_effects=True),
+        _whole_diagram(request, parts, with_effects=False),
+        _whole_diagram(request, parts, with_effects=True),
         None if isinstance(control, str) else control,
         tuple(dict.fromkeys(notes)),
         "interrupted" if interrupted else "done",
@@ -57,9 +59,9 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
     )
 
 
-def _whole_diagram(diagram: Diagram, parts: Sequence[DiagnosedPart], *, with_effects: bool) -> Diagram:
+def _whole_diagram(request: Request, parts: Sequence[DiagnosedPart], *, with_effects: bool) -> Diagram:
     """The whole diagram with the fitted parameters, and with the blocks of the named effects."""
-    result = diagram
+    result = diagram = request.diagram
     for diagnosed in parts:
         last = diagnosed.models[-1 if with_effects else 0]
         for one in diagnosed.named if with_effects else ():
@@ -67,8 +69,35 @@ def _whole_diagram(diagram: Diagram, parts: Sequence[DiagnosedPart], *, with_eff
             result = in_whole_diagram(c.point, diagnosed.part).put(result, c.block, last.fitted_diagram.blocks[c.block])
         own = last.parameters()
         result = result.untied(own).with_parameters(own)
+    result = _with_simulation(result, request, parts, [one.models[-1 if with_effects else 0] for one in parts])
     named = [one.candidate.block for diagnosed in parts for one in diagnosed.named] if with_effects else []
     return result.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else result
+
+
+def _with_simulation(
+    diagram: Diagram, request: Request, parts: Sequence[DiagnosedPart], models: Sequence[Model]
+) -> Diagram:
+    """The diagram with how its models were simulated: what running it on the recordings needs to give their errors.
+
+    Its own initial states are those of the first recording. A simulation that restarted within a recording is known by
+    the states of the first piece.
+    """
+    starts, steps = dict[str, dict[str, float]](), dict[str, float]()
+    for model in models:
+        for experiment in model.setup.experiments:
+            name = experiment_of(experiment.name)
+            own = model.parameters(experiment.name)
+            starts[name] = {**own, **starts.get(name, {})}
+            steps.setdefault(name, experiment.times.h)
+    first, hold = models[0].setup.experiments[0], _hold(parts)
+    simulation = Simulation(
+        step=first.times.h if len(set(steps.values())) == 1 else steps,
+        method=first.rule.name,
+        hold=hold if isinstance(hold, str) else {k: v for k, v in hold.items() if k in diagram.inputs},
+        condition=tuple(diagram.inputs) if request.condition else (),
+        start={name: own for name, own in starts.items() if own},
+    )
+    return diagram.with_parameters(next(iter(starts.values()), {})).with_simulation(simulation)
 
 
 def _consequence(parts: Sequence[DiagnosedPart], segments: Sequence[Segment]) -> Consequence | str:

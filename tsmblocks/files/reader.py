@@ -28,6 +28,7 @@ from tsmblocks.files.faults import (
     misspelt_keys,
     plain_value,
 )
+from tsmblocks.files.simulation_reader import SIMULATION_KEYS, read_simulation
 from tsmblocks.files.toml_text import parse_tables
 from tsmblocks.model.block import Block, Input, is_reference, leaves
 from tsmblocks.model.diagram import Diagram, Inlet
@@ -85,10 +86,15 @@ class DiagramPage(Page):
             found = f"the format is {shown}" if "format" in table else "there is no format"
             self.fault(("format",), f"{found}; this version reads format = {FORMAT}, at the top of the file.")
             return Part(None, 0)
-        rest = {k: v for k, v in table.items() if k != "format"}
+        rest = {k: v for k, v in table.items() if k not in ("format", *SIMULATION_KEYS)}
         if "blocks" not in rest and "blocks" not in misspelt_keys(rest, DIAGRAM_KEYS).values():
             self.fault((), "there are no [blocks].")
-        return self.diagram(self._clean(rest, ()), (), level)
+        part = self.diagram(self._clean(rest, ()), (), level)
+        known = {k: self._clean(table[k], (k,)) for k in SIMULATION_KEYS if k in table}
+        if known and isinstance(part.block, Diagram):
+            simulation = read_simulation(self, known, part.block)
+            return Part(part.block.with_simulation(simulation), part.size)
+        return part
 
     def _clean(self, value: Any, path: tuple[str | int, ...]) -> Any:
         """TOML values without those that no diagram can hold, which are reported."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from tsmblocks.common.interpolation import AUTO, HOLDS
 from tsmblocks.model.block import REGISTRY, Block, Field
+from tsmblocks.model.simulation import METHODS
 
 _NAME = "^[A-Za-z_][A-Za-z0-9_]*$"
 _REFERENCE = {"type": "string", "pattern": "^\\$[A-Za-z_][A-Za-z0-9_]*$", "description": "a number of [values]"}
@@ -19,7 +21,8 @@ def schema() -> dict[str, Any]:
     kinds = {name: _kind(cls) for name, cls in sorted(REGISTRY.items())}
     inner = _diagram()
     whole = _diagram()
-    whole["properties"] = {"format": {"const": 1, "description": "version of the file format"}, **whole["properties"]}
+    first = {"format": {"const": 1, "description": "version of the file format"}}
+    whole["properties"] = {**first, **whole["properties"], **_simulation()}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "tsmblocks diagram, format 1",
@@ -51,6 +54,28 @@ def _diagram() -> dict[str, Any]:
         },
         [],
     )
+
+
+def _simulation() -> dict[str, Any]:
+    """Sections that say how a diagram was simulated on recordings."""
+    seconds, hold = {"type": "number", "exclusiveMinimum": 0}, {"enum": [AUTO, *HOLDS]}
+    settings = {
+        "step": {**_one_or_each(seconds), "description": "step in s, one for all or by recording"},
+        "method": {"enum": list(METHODS)},
+        "hold": {**_one_or_each(hold), "description": "interpolation between samples, for all inputs or by input"},
+        "condition": {"type": "array", "items": _TEXT, "description": "inputs whose noise is filtered out"},
+    }
+    states = {"type": "object", "description": 'initial states such as "tsm.zeta" = 0.1'}
+    about = "initial states by recording"
+    return {
+        "simulation": _table(settings, []),
+        "start": {"type": "object", "additionalProperties": states, "description": about},
+    }
+
+
+def _one_or_each(value: dict[str, Any]) -> dict[str, Any]:
+    """One value, or a table of such values."""
+    return {"anyOf": [value, {"type": "object", "additionalProperties": value}]}
 
 
 def _use() -> dict[str, Any]:

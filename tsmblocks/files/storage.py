@@ -1,7 +1,9 @@
 """Diagrams as TOML files: ``load``, ``loads``, ``dumps`` and ``save``.
 
-Format 1 has ``title``, ``source``, ``wires``, ``[blocks]``, ``[inputs]``, ``[outputs]`` and ``[values]``. Loading
-executes nothing from a file, and reports every fault of a file with its line.
+Format 1 has ``title``, ``source``, ``wires``, ``[blocks]``, ``[inputs]``, ``[outputs]`` and ``[values]``. Files of
+fitted diagrams also have ``[simulation]`` (step, method, hold, condition) and ``[start.RECORDING]`` (initial states of
+each recording), which fits, scores and the commands with ``--data`` take up. Loading executes nothing from a file, and
+reports every fault of a file with its line.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ A block is written on one line where it fits, each wire on its own, and defaults
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import tomli_w
@@ -16,9 +17,14 @@ from tsmblocks.files.reader import FORMAT
 from tsmblocks.files.toml_text import refuse_large
 from tsmblocks.model.block import REGISTRY, Block
 from tsmblocks.model.diagram import Diagram, Inlet
+from tsmblocks.model.simulation import Simulation
 
 LINE_WIDTH = 100
 """Characters of a line. Chosen: what an editor has beside a second window."""
+
+
+BARE_KEY = re.compile("[A-Za-z0-9_-]+")
+"""Keys that TOML takes without quotes."""
 
 
 class _Unwritable(Exception):
@@ -28,7 +34,7 @@ class _Unwritable(Exception):
 def text_of(diagram: Diagram) -> str:
     """The text of a diagram file; raises FileError with everything that a file cannot hold."""
     writer = _Writer()
-    lines = [f"format = {FORMAT}", *writer.body(diagram, "")]
+    lines = [f"format = {FORMAT}", *writer.body(diagram, ""), *_simulation(diagram.simulation)]
     owner = f"diagram '{clip(str(diagram.title))}'"
     if writer.problems:
         raise FileError(owner, writer.problems)
@@ -108,6 +114,28 @@ class _Writer:
         except _Unwritable as fault:
             self.problems.append(f"{name} {fault}, which a file cannot hold.")
             return '""'
+
+
+def _simulation(one: Simulation) -> Iterator[str]:
+    """Yield the sections that say how a diagram was simulated on recordings."""
+    given = {"step": one.step, "method": one.method, "hold": one.hold, "condition": one.condition}
+    given = {key: value for key, value in given.items() if value not in (None, "", ())}
+    if given:
+        yield from ["", "[simulation]", *(f"{key} = {_inline(value)}" for key, value in given.items())]
+    for name, states in one.start.items():
+        yield from ["", f"[start.{_key(name)}]", *(f"{_key(k)} = {toml(float(v))}" for k, v in states.items())]
+
+
+def _inline(value: Any) -> str:
+    """A value as TOML; a mapping as an inline table."""
+    if not isinstance(value, Mapping):
+        return toml(value)
+    return f"{{ {', '.join(f'{_key(k)} = {toml(v)}' for k, v in value.items())} }}"
+
+
+def _key(name: str) -> str:
+    """A key as TOML: quoted, unless it is of letters, digits, dashes and underscores alone."""
+    return name if BARE_KEY.fullmatch(name) else toml(name)
 
 
 # ---- layout -----------------------------------------------------------------------------------

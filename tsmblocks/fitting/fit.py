@@ -117,8 +117,8 @@ def fit(
     iterations : int, optional
         Limit for each search (with ``"ga"`` for each of its two stages), which then ends with ``status`` ``"limit"``.
     step : float, optional
-        Step of the simulation in s; by default one that resolves the diagram. ``notes`` of the result report it where
-        the intervals do not cover the error of the step.
+        Step of the simulation in s; by default that of the diagram's file, else one that resolves the diagram.
+        ``notes`` of the result report it where the intervals do not cover the error of the step.
     integrator : {"rk4", "euler", "heun"}
         Runge-Kutta method.
     hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
@@ -170,8 +170,7 @@ def fit(
     if as_integer("segments", segments, 1) > 1 and method != "ipopt":
         raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
     starts, seed = as_integer("starts", starts, 1), as_integer("seed", seed, 0)
-    limit = {} if iterations is None else {"iterations": as_integer("iterations", iterations, 0)}
-    report = arguments.as_callback(progress, "stage, evaluations and rms")
+    report, limit = arguments.as_callback(progress, "stage, evaluations and rms"), _limit(iterations)
     options: Any = dict(outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend)
     problem, setup = pose(
         diagram,
@@ -189,6 +188,7 @@ def fit(
     )
     begin, found = feasible_start(problem, problem.unknowns.start), list[OptimizerResult]()
     samples, unweighted = problem.samples, sigma is None and len(problem.priors.which) > 0
+    search = functools.partial(_search, method=method, optimizer=_method(method, seed, segments))
     with defer_interrupt() as interrupt:
 
         def report_rms(stage: str, count: int, cost: float) -> None:
@@ -199,16 +199,17 @@ def fit(
             if unweighted:
                 problem = attrs.evolve(problem, noise=_prior_noise(problem, found))
             begins = [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed)
-            found = _search(problem, begins, method, _method(method, seed, segments), {**limit, "progress": report_rms})
-            if step is None and segments == 1 and method != "ga":
-                again = functools.partial(_method(method, seed, segments), **{**limit, "progress": report_rms})
-                problem, setup, found[0] = following(problem, setup, found[0], again)
+            problem, setup, found = search(problem, setup, begins, {**limit, "progress": report_rms}, step is None)
             begin = found[0].theta
             if interrupt.stop or any(f.status == "interrupted" for f in found):
-                found[0] = attrs.evolve(found[0], status="interrupted")
+                found = [attrs.evolve(found[0], status="interrupted"), *found[1:]]
                 break
-        found = nearest_of(problem, setup, found)
-    return summarise(problem, setup, method, found)
+    return summarise(problem, setup, method, nearest_of(problem, setup, found))
+
+
+def _limit(iterations: int | None) -> dict[str, Any]:
+    """The option of a search that limits its iterations."""
+    return {} if iterations is None else {"iterations": as_integer("iterations", iterations, 0)}
 
 
 def _prior_noise(problem: Problem, found: list[OptimizerResult]) -> float:
@@ -222,12 +223,15 @@ def _prior_noise(problem: Problem, found: list[OptimizerResult]) -> float:
 
 def _search(
     problem: Problem,
+    setup: Setup,
     begins: Sequence[np.ndarray],
+    options: Mapping[str, Any],
+    follow: bool,
+    *,
     method: str,
     optimizer: Callable[..., OptimizerResult],
-    options: Mapping[str, Any],
-) -> list[OptimizerResult]:
-    """The results from all starting points, best first."""
+) -> tuple[Problem, Setup, list[OptimizerResult]]:
+    """The results from all starting points, best first; with ``follow`` at a step that follows the parameters."""
     from tsmblocks.fitting.discontinuous import search_discontinuous
 
     ends: list[OptimizerResult] = []
@@ -237,10 +241,13 @@ def _search(
         except KeyboardInterrupt:  # before the search had a first result
             ends.append(OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1))
         if ends[-1].status == "interrupted":
-            return _ranked(problem, ends)
+            return problem, setup, _ranked(problem, ends)
     if method != "ga":
         ends = [refined(problem, end, lambda start: optimizer(problem, start, **options)) for end in ends]
-    return _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
+    ends = _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
+    if follow and method == "gauss-newton":
+        problem, setup, ends[0] = following(problem, setup, ends[0], functools.partial(optimizer, **options))
+    return problem, setup, ends
 
 
 def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:

@@ -57,6 +57,8 @@ class Unknowns:
     order: tuple[str, ...]
     base: np.ndarray
     experiments: tuple[str, ...]
+    starts: tuple[Mapping[str, float], ...] = ()
+    """Initial states of each experiment in place of those of ``base``, by name; empty where there are none."""
     tied: tuple[int, ...] = ()
     tie: Any = None  # p -> (tied numbers, their derivatives), a CasADi function
     _maps: tuple[tuple[np.ndarray, np.ndarray], ...] = attrs.field(init=False)
@@ -106,17 +108,27 @@ class Unknowns:
         """The unknowns of each experiment alone."""
         return tuple(columns[self.is_local[columns]] for columns, _ in self._maps)
 
+    @functools.cached_property
+    def bases(self) -> np.ndarray:
+        """The numbers of each experiment that stay, with initial states of its own, shape (experiments, parameters)."""
+        made = np.repeat(self.base[None], len(self.experiments), axis=0)
+        for e, own in enumerate(self.starts):
+            for name, value in own.items():
+                made[e, self.order.index(name)] = value
+        return made
+
     def columns(self, e: int) -> np.ndarray:
         """Which unknowns matter to experiment ``e``."""
         return self._maps[e][0]
 
     def changed(self, e: int) -> list[int]:
-        """Places in ``p`` that differ from ``base`` in experiment ``e``."""
-        return sorted({*self._maps[e][1].tolist(), *self.tied})
+        """Places in ``p`` that may differ from ``base`` in experiment ``e``."""
+        own = {self.order.index(name) for starts in self.starts for name in starts}
+        return sorted({*self._maps[e][1].tolist(), *self.tied, *own})
 
     def parameters(self, theta: np.ndarray, e: int) -> np.ndarray:
         """Parameters ``p`` of experiment ``e``, shape (parameters,)."""
-        p, (columns, places) = self.base.copy(), self._maps[e]
+        p, (columns, places) = self.bases[e].copy(), self._maps[e]
         p[places] = theta[columns]
         if self.tie is not None:
             p[list(self.tied)] = np.asarray(self.tie(p)[0]).ravel()
@@ -128,7 +140,7 @@ class Unknowns:
         if self.tie is not None:
             return np.array([np.stack([self.parameters(theta, e) for theta in thetas], axis=1) for e in every])
         p = np.empty((len(every), len(self.base), len(thetas)))
-        p[:] = self.base[:, None]
+        p[:] = self.bases[:, :, None]
         experiment, columns, places = self._places
         p[experiment, places] = thetas[:, columns].T
         return p
@@ -161,7 +173,7 @@ class Unknowns:
         """Parameters ``p`` of experiment ``e`` as CasADi expressions of the unknowns."""
         import casadi as ca
 
-        p = ca.SX(self.base)
+        p = ca.SX(self.bases[e])
         for k, place in zip(*self._maps[e], strict=True):
             p[int(place)] = theta[int(k)]
         if self.tie is not None:

@@ -18,8 +18,9 @@ from tsmblocks.data import Record
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.experiments import signal_of, span
 from tsmblocks.fitting.inner_products import square
+from tsmblocks.fitting.parameters import Unknowns
 from tsmblocks.fitting.recordings import recordings, with_adopted_units
-from tsmblocks.fitting.setup import Setup, set_up
+from tsmblocks.fitting.setup import Setup, experiment_starts, set_up
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import parameter_vector
@@ -264,7 +265,7 @@ def score(
     window : (float, float) or dict of str to these, optional
         Start and stop in s of the samples to compare, by experiment if they differ.
     step : float, optional
-        Step of the simulation in s; by default one that resolves the diagram.
+        Step of the simulation in s; by default that of the diagram's file, else one that resolves the diagram.
     integrator : {"rk4", "euler", "heun"}
         Runge-Kutta method.
     hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
@@ -302,8 +303,8 @@ def score(
     setup = set_up(
         diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend
     )
-    p = parameter_vector(setup.eq, diagram)
-    return simulated_differences(setup, [p] * len(setup.experiments))
+    unknowns = Unknowns((), setup.eq.p, parameter_vector(setup.eq, diagram), tuple(records), experiment_starts(setup))
+    return simulated_differences(setup, list(unknowns.bases))
 
 
 def simulated_differences(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:

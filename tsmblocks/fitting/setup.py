@@ -38,6 +38,7 @@ from tsmblocks.fitting.recordings import Data, recordings, windows, with_adopted
 from tsmblocks.fitting.residuals import Priors, Problem
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
+from tsmblocks.model.simulation import Simulation
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
@@ -45,6 +46,10 @@ FINEST = 64
 """Simulation steps between two samples beyond which a step is no longer refined. Chosen."""
 SETTLED = 1e-3
 """Largest change of the outputs by halving the step, relative to the measured signals. Chosen."""
+
+
+DEFAULT_METHOD = "rk4"
+"""Runge-Kutta method, where neither a caller nor the diagram's file says another."""
 
 
 @attrs.frozen(eq=False)
@@ -95,16 +100,20 @@ def set_up(
     for what, word in (("integrator", integrator), ("backend", backend)):
         arguments.as_text(what, word)
     given = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
+    known = diagram.simulation
+    integrator = known.method or integrator if integrator == DEFAULT_METHOD else integrator
+    hold = known.hold or hold if hold == AUTO else hold
     eq, names, rule = equations(diagram), compared(records, diagram, given), method_named(integrator)
     p, parts, notes = parameter_vector(eq, diagram), windows(window, records), without_units(records, diagram, names)
     made, finer = list[Experiment](), list[Experiment | None]()
     common: Any = dict(diagram=diagram, eq=eq, outputs=names, rule=rule, hold=hold, backend=backend)
     for name, record in records.items():
         at_step = functools.partial(prepare, name, record, window=parts[name], **common)
-        if step is None:
+        own_step = known.step_of(name) if step is None else step
+        if own_step is None:
             experiment, half = _resolved(at_step, record, eq.periods, p, notes)
         else:
-            experiment, half = at_step(step=as_positive("step", step)), None
+            experiment, half = at_step(step=as_positive("step", own_step)), None
         made.append(experiment)
         finer.append(half)
         notes += [f"{name}: {text}" for text in hold_notes(record, experiment.hold, hold)]
@@ -169,6 +178,27 @@ def _change(coarse: Experiment, fine: Experiment, p: np.ndarray) -> float:
     return float(change.max()) if np.isfinite(change).all() else math.inf
 
 
+def experiment_starts(setup: Setup) -> tuple[dict[str, float], ...]:
+    """Initial states that the diagram's file gives for each experiment, by name."""
+    known, names = setup.diagram.simulation, set(setup.eq.p)
+    starts = (known.start_of(experiment.name) for experiment in setup.experiments)
+    return tuple({k: v for k, v in own.items() if k in names} for own in starts)
+
+
+def simulated_as(setup: Setup, starts: Sequence[Mapping[str, float]]) -> Simulation:
+    """How the experiments were simulated, with initial states of each: what a file needs to do it again."""
+    steps = {experiment.name: experiment.times.h for experiment in setup.experiments}
+    first = setup.experiments[0]
+    own = {experiment.name: values for experiment, values in zip(setup.experiments, starts, strict=True) if values}
+    return Simulation(
+        step=first.times.h if len(set(steps.values())) == 1 else steps,
+        method=first.rule.name,
+        hold=setup.hold,
+        condition=setup.diagram.simulation.condition,
+        start=own,
+    )
+
+
 # ---- the problem --------------------------------------------------------------------------------
 
 
@@ -212,8 +242,10 @@ def pose(
         diagram, records, outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend
     )
     setup = attrs.evolve(setup, notes=(*adopted, *setup.notes))
-    items = _items(diagram, names, own, bounds, tuple(records))
-    unknowns = with_ties(Unknowns(items, setup.eq.p, parameter_vector(setup.eq, diagram), tuple(records)), tie)
+    starts = experiment_starts(setup)
+    items = _items(diagram, names, own, bounds, dict(zip(records, starts, strict=True)))
+    base = parameter_vector(setup.eq, diagram)
+    unknowns = with_ties(Unknowns(items, setup.eq.p, base, tuple(records), starts if any(starts) else ()), tie)
     unknowns = _delays_of_a_step(unknowns, setup)
     checked = read_constraints([] if constraints is None else constraints, list(setup.eq.p))
     weights = _weights(setup, sigma)
@@ -227,7 +259,7 @@ def _items(
     names: Sequence[str],
     own: Sequence[str],
     bounds: Mapping[str, Any] | None,
-    experiments: tuple[str, ...],
+    experiments: Mapping[str, Mapping[str, float]],
 ) -> tuple[Unknown, ...]:
     known = numbers(diagram)
     if not names:
@@ -236,8 +268,14 @@ def _items(
     made: list[Unknown] = []
     for name in names:
         one = unknown(name, diagram, known[name], given.get(name))
-        made += [attrs.evolve(one, experiment=e) for e in experiments] if name in own else [one]
+        made += [_of_experiment(one, e, starts) for e, starts in experiments.items()] if name in own else [one]
     return tuple(made)
+
+
+def _of_experiment(one: Unknown, experiment: str, starts: Mapping[str, float]) -> Unknown:
+    """An unknown of one experiment, which starts where the diagram's file says for that recording."""
+    start = min(max(starts.get(one.parameter, one.start), one.low), one.high)
+    return attrs.evolve(one, experiment=experiment, start=start)
 
 
 def _delays_of_a_step(unknowns: Unknowns, setup: Setup) -> Unknowns:

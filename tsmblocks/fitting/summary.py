@@ -18,7 +18,7 @@ from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.result import Estimate, Fit
 from tsmblocks.fitting.score import Differences, simulated_differences
-from tsmblocks.fitting.setup import Setup
+from tsmblocks.fitting.setup import Setup, simulated_as
 from tsmblocks.fitting.statistics import Uncertainty, intervals, uncertainty
 from tsmblocks.fitting.step_size import halved, limit_note, shift_note, shifts
 from tsmblocks.model.diagram import Diagram
@@ -58,6 +58,8 @@ def summarise(problem: Problem, setup: Setup, method: str, searches: list[Optimi
     )
     optimum = _optimum(problem, best)
     diagrams = {name: _fitted(setup.diagram, problem, best.theta, e) for e, name in enumerate(unknowns.experiments)}
+    simulation = simulated_as(setup, [_starts_of(problem, setup, best.theta, e) for e in range(len(diagrams))])
+    diagrams = {name: diagram.with_simulation(simulation) for name, diagram in diagrams.items()}
     variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
     first = setup.experiments[0]
     return Fit(
@@ -83,6 +85,17 @@ def summarise(problem: Problem, setup: Setup, method: str, searches: list[Optimi
             *_known_parameter_notes(setup, [item.parameter for item in unknowns.items]),
         ),
     )
+
+
+def _starts_of(problem: Problem, setup: Setup, theta: np.ndarray, e: int) -> dict[str, float]:
+    """Initial states of experiment ``e`` alone: found, or given by the diagram's file."""
+    unknowns, known = problem.unknowns, numbers(setup.diagram)
+    own = dict(unknowns.starts[e]) if unknowns.starts else {}
+    for k in unknowns.columns(e):
+        item = unknowns.items[k]
+        if item.experiment and is_start(known[item.parameter]):
+            own[item.parameter] = float(theta[k])
+    return own
 
 
 def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:

@@ -21,6 +21,7 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.model import edits, unit_inference, validation
 from tsmblocks.model.block import Block, Input, Output, is_reference, leaves, plain
+from tsmblocks.model.simulation import Simulation
 from tsmblocks.model.wires import End, Link, chains, end_text, not_a_block, short_name
 
 _PACKAGE = str(Path(__file__).parent.parent)
@@ -105,6 +106,8 @@ class Diagram:
         Unit of an output where no port gives one.
     where : str, optional
         ``file:line`` for messages, by default that of the caller.
+    simulation : Simulation, optional
+        How it was simulated on recordings, as files of fitted diagrams say; of no account when diagrams are compared.
 
     Raises
     ------
@@ -134,6 +137,7 @@ class Diagram:
     values: Mapping[str, float] = attrs.field(factory=dict, converter=_values)
     output_units: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
     where: str = attrs.field(factory=_caller, eq=False, repr=False)
+    simulation: Simulation = attrs.field(factory=Simulation, eq=False, repr=False)
     links: tuple[Link, ...] = attrs.field(init=False, eq=frozenset, repr=False)
     inlets: Mapping[str, tuple[End, ...]] = attrs.field(init=False, eq=False, repr=False)
     shown: Mapping[str, End] = attrs.field(init=False, eq=False, repr=False)
@@ -273,7 +277,23 @@ class Diagram:
         """
         if not isinstance(changes, Mapping) or not all(isinstance(name, str) for name in changes):
             raise ParameterError(f"parameters must map names to numbers, got {in_words(changes)}.")
-        return edits.override(self, changes, self)
+        changed = edits.override(self, changes, self)
+        return changed.with_simulation(self.simulation.without(changes)) if self.simulation.start else changed
+
+    def with_simulation(self, simulation: Simulation) -> Diagram:
+        """Return the diagram with settings of its simulation on recordings.
+
+        Parameters
+        ----------
+        simulation : Simulation
+            Step, method, interpolation and initial states.
+
+        Returns
+        -------
+        Diagram
+            The same diagram otherwise.
+        """
+        return self._with(simulation=simulation)
 
     def untied(self, names: Iterable[str]) -> Diagram:
         """Return the diagram in which parameters have numbers of their own in the place of references.

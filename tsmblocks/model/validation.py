@@ -15,6 +15,7 @@ import attrs
 from tsmblocks.common import units
 from tsmblocks.common.errors import ParameterError, clip, in_words, near
 from tsmblocks.model.block import Block, is_reference, leaves, map_leaves
+from tsmblocks.model.simulation import Simulation
 from tsmblocks.model.unit_inference import Interface, unit_faults
 from tsmblocks.model.wires import NAME, End, Fault, Link, fault_sentence, inlet_links, parse_chain, placed, resolve
 
@@ -99,6 +100,9 @@ def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
         what, example = MAPPINGS.get(name, ("", ""))
         if what and not isinstance(given, Mapping):
             yield f"{name} must map names to {what}, such as {{{example}}}, got {in_words(given)}."
+        elif name == "simulation":
+            if not isinstance(given, Simulation):
+                yield f"simulation must be a Simulation, got {in_words(given)}."
         elif not what and name != "wires" and not isinstance(given, str):
             yield f"{name} must be text, got {in_words(given)}."
 
