@@ -660,3 +660,10 @@ def test_the_error_along_a_coordinate_says_when_there_is_none(plots):
     figure = plots.plot_coordinate(EVERY["none"])
     assert [text.get_text() for text in figure.axes[0].texts] == ["no coordinate predicts the residual"]
     assert plots.plot_coordinate(diagnosis()).axes[0].get_xlabel() == "direction"
+
+
+def test_the_report_says_what_to_do_next(tmp_path):
+    page = (diagnosis(UNKNOWN).save(tmp_path) / "report.html").read_text(encoding="utf-8")
+    assert "<b>Next:</b>" in page
+    assert "Compare other structures of the model" in page
+    assert "Compare other structures of the model" in diagnosis(UNKNOWN)._repr_html_()

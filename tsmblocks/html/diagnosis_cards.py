@@ -9,7 +9,7 @@ from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.text import STATUS
-from tsmblocks.diagnosis.verdict_text import percent, segments_by_verdict, verdict_sentence
+from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence
 from tsmblocks.html.card import MOST_CHARTS, card, listed, table_of
 from tsmblocks.html.figures import gap_bars
 from tsmblocks.html.pages import part
@@ -23,6 +23,7 @@ def diagnosis_card(diagnosis: Diagnosis) -> str:
     """A diagnosis: verdict, effects with their parameters, errors before and after; ``save`` writes the report."""
     boxes = [
         part("verdict", s.verdict, WORDS.get(s.verdict, s.verdict), verdict_sentence(s))
+        + part("bullets", next_steps(s), "Next:")
         for s in segments_by_verdict(diagnosis)
     ]
     table = [("effect", "insertion point", "parameters", "removes", "indistinguishable from")]

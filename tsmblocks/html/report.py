@@ -34,7 +34,7 @@ from tsmblocks.diagnosis.text import (
     parameter_rows,
     share_across_experiments,
 )
-from tsmblocks.diagnosis.verdict_text import percent, segments_by_verdict, verdict_sentence
+from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence
 from tsmblocks.draw import to_svg
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.html import figures
@@ -76,6 +76,7 @@ def page(diagnosis: Diagnosis) -> str:
         origin=_origin(diagnosis),
         notes=merged_notes(diagnosis.notes, diagnosis.experiments),
         verdict_sentence=verdict_sentence,
+        next_steps=next_steps,
         percent=percent,
         listed=listed,
         plural=lambda things: "s" if len(things) > 1 else "",
