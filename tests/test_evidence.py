@@ -1,5 +1,7 @@
 """Evidence of a model error: what is predicted on held-out data, against noise of any spectrum."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,6 +9,8 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 import tsmblocks as tsm
+from tsmblocks.blocks import Bias, Ripple
+from tsmblocks.diagnosis.determined import is_determined
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.model import ModelSettings, calibrate
 from tsmblocks.diagnosis.surrogates import rolled, stretches_of, without_phase
@@ -47,10 +51,10 @@ def recordings(kind, seed, worn=lambda x: 0.0 * x, count=4):
     return result
 
 
-def fitted(records):
-    """The linear model, fitted."""
+def fitted(records, model="tendon_sheath_linear"):
+    """A model, fitted."""
     settings = ModelSettings(None, {"x_out": SIGMA}, ("x_out",))
-    return calibrate(tsm.load("tendon_sheath_linear"), records, settings)
+    return calibrate(tsm.load(model) if isinstance(model, str) else model, records, settings)
 
 
 def gap(x):
@@ -101,6 +105,21 @@ def test_stretches_cover_each_experiment_once(lengths):
     for n, parts in zip(lengths, stretches_of(lengths), strict=True):
         assert [k for part in parts for k in range(part.start, part.stop)] == list(range(n))
         assert len(parts) % 5 == 0
+
+
+@pytest.mark.parametrize("kind", ["white", "slow"])
+def test_an_effect_is_determined_where_its_interval_excludes_none(kind):
+    """An offset behind the model's own offset is not identifiable, and a ripple that is not there is not determined."""
+    rippled = tsm.load("tendon_sheath_linear").insert("ripple", Ripple(cycles=12.0, sine=0.001), before="x_out")
+    some = SimpleNamespace(free=("ripple.sine", "ripple.cosine"))
+    nulls = {"ripple.sine": 0.0, "ripple.cosine": 0.0}
+    assert not is_determined(fitted(recordings(kind, 2), rippled), some, nulls)
+    real = recordings(kind, 2, lambda x: 0.1 * DEG * np.sin(12.0 * x))
+    assert is_determined(fitted(real, rippled), some, nulls)
+    twice = tsm.load("tendon_sheath_linear").insert("again", Bias(bias=0.1), before="x_out")
+    offset = SimpleNamespace(free=("again.bias",))
+    assert not is_determined(fitted(real, twice), offset, {"again.bias": 0.0})
+    assert is_determined(fitted(real, twice), offset, {})  # nothing to compare with
 
 
 def test_slow_noise_is_none_and_says_what_would_tell():
