@@ -102,7 +102,7 @@ def set_up(
     given = None if outputs is None else arguments.as_names("outputs", outputs, "x_out")
     known = diagram.simulation
     integrator = known.method or integrator if integrator == DEFAULT_METHOD else integrator
-    hold = known.hold or hold if hold == AUTO else hold
+    hold = known.hold or hold if isinstance(hold, str) and hold == AUTO else hold
     eq, names, rule = equations(diagram), compared(records, diagram, given), method_named(integrator)
     p, parts, notes = parameter_vector(eq, diagram), windows(window, records), without_units(records, diagram, names)
     made, finer = list[Experiment](), list[Experiment | None]()
