@@ -16,6 +16,7 @@ from tsmblocks.blocks.limits import (
     RateLimit,
     Relay,
     Saturation,
+    SoftDeadZone,
     SoftRateLimit,
     SoftSaturation,
 )
@@ -28,6 +29,7 @@ NUMBERS = np.concatenate([np.linspace(-3, 3, 121), [-1e6, 1e6]])
     "block",
     [
         DeadZone(),
+        SoftDeadZone(),
         LookupTable(),
         LookupTable(outside="extend"),
         LookupTable(points=(0, 1), values=(0, 1), outside="extend"),
@@ -52,6 +54,24 @@ def test_dead_zone():
         expected = u - 0.7 if u > 0.7 else u + 0.4 if u < -0.4 else 0.0
         assert value(DeadZone(low=-0.4, high=0.7), u=u)["y"] == pytest.approx(expected, abs=1e-15)
         assert value(DeadZone(low=0.0, high=0.0), u=u)["y"] == u
+
+
+@pytest.mark.parametrize("softness", [0.05, 0.3])
+def test_soft_dead_zone(softness):
+    def softplus(x):
+        return softness * np.logaddexp(0.0, x / softness)
+
+    block = SoftDeadZone(half_width=0.5, centre=0.2, softness=softness)
+    for u in NUMBERS:
+        expected = 0.2 + softplus(u - 0.7) - softplus(-0.3 - u)
+        assert value(block, u=u)["y"] == pytest.approx(expected, abs=1e-9 * max(abs(u), 1))
+
+
+def test_soft_dead_zone_tends_to_the_hard_one_and_passes_without_a_width():
+    for u in NUMBERS:
+        soft, hard = SoftDeadZone(half_width=0.5, softness=1e-7), DeadZone(low=-0.5, high=0.5)
+        assert value(soft, u=u)["y"] == pytest.approx(value(hard, u=u)["y"], abs=1e-6)
+        assert value(SoftDeadZone(half_width=0.0, centre=0.3), u=u)["y"] == u
 
 
 def test_saturation():

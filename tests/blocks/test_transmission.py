@@ -25,6 +25,7 @@ from tsmblocks.blocks import (
     LoopAsymmetry,
     LoopChange,
     NonlocalMemory,
+    ParallelResonance,
     PositionDependentLoop,
     PrandtlIshlinskii,
     RateDependence,
@@ -54,6 +55,8 @@ NULL = {
     "PositionDependentLoop": PositionDependentLoop(distance=0.2),
     "Stretch": Stretch(distance=0.2),
     "Resonance": Resonance(omega=25.0, zeta=0.1),
+    "Resonance fed through": Resonance(omega=25.0, zeta=0.1, feed=0.6),
+    "ParallelResonance": ParallelResonance(omega=25.0, zeta=0.1),
     "Lag": Lag(),
     "DeadTime": DeadTime(),
     "DeadTime value": DeadTime(start="value", initial=5.0),
@@ -85,7 +88,11 @@ ACTIVE = {
     "LoopAsymmetry": (LoopAsymmetry(slope_difference=-0.1, delta=0.1), ("slope_difference", "delta", "theta", "speed")),
     "PositionDependentLoop": (PositionDependentLoop(gain=-0.1), ("gain", "distance")),
     "Stretch": (Stretch(half_width=0.06), ("half_width", "distance")),
-    "Resonance": (Resonance(share=0.5, omega=25.0), ("share", "omega", "zeta")),
+    "Resonance": (Resonance(share=0.5, omega=25.0, feed=0.4), ("share", "omega", "zeta", "feed")),
+    "ParallelResonance": (
+        ParallelResonance(gain=0.3, rate_gain=0.2, omega=25.0),
+        ("gain", "rate_gain", "omega", "zeta"),
+    ),
 }
 BACKENDS = ("llvm", "casadi")
 T = np.arange(0.0, 2.0, 0.01)
@@ -198,7 +205,7 @@ def test_derivatives_by_the_strengths_at_zero(name):
                  "Ripple": ["cosine", "sine"], "Drift": ["rate"],
                  "Jump": ["size"], "GainChange": ["change"], "GainDrift": ["rate"], "LoopChange": ["change", "gain"],
                  "Creep": ["share"], "Disturbance": ["cosine", "sine"], "RateDependence": ["coefficient"],
-                 "Resonance": ["share"],
+                 "Resonance": ["share"], "ParallelResonance": ["gain", "rate_gain"],
                  "NonlocalMemory": ["weights[0]"], "LoopAsymmetry": ["slope_difference", "delta"],
                  "PositionDependentLoop": ["gain"], "Stretch": ["half_width"]}  # fmt: skip
     x = signal([(0.8, 2.0, 0.3), (0.3, 7.0, 1.0)])
@@ -387,6 +394,16 @@ def test_a_resonance_at_full_share_is_the_oscillator():
     damped, t = 9 * np.sqrt(1 - 0.09), run["t"]
     swing = np.cos(damped * t) + 0.3 / np.sqrt(1 - 0.09) * np.sin(damped * t)
     assert run["y"] == pytest.approx(1 - np.exp(-0.3 * 9 * t) * swing, abs=1e-7)
+
+
+def test_a_mode_beside_a_model_adds_an_oscillator_and_its_rate():
+    block = ParallelResonance(gain=0.4, rate_gain=0.3, omega=9.0, zeta=0.3)
+    run = simulate(block, {"u": lambda t: 2 * t, "x": lambda _: 1.0}, stop=2.0, step=0.005)
+    damped, t = 9 * np.sqrt(1 - 0.09), run["t"]
+    decay = np.exp(-0.3 * 9 * t)
+    swing = 1 - decay * (np.cos(damped * t) + 0.3 / np.sqrt(1 - 0.09) * np.sin(damped * t))
+    rate = decay * np.sin(damped * t) * 81 / damped
+    assert run["y"] == pytest.approx(2 * t + 0.4 * swing + 0.3 * rate / 9, abs=1e-7)
 
 
 # ---- refusals

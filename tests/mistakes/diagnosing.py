@@ -225,7 +225,7 @@ def numbers_instead_of_a_function_that_gives_them():
     effect(trials={"gain": 1.1})
 
 
-@mistake(ParameterError, "register takes an Effect, got Gain(gain=1.0, unit='').")
+@mistake(ParameterError, "register takes an Effect or a Relative, got Gain(gain=1.0, unit='').")
 def a_block_is_registered():
     register(Gain())
 

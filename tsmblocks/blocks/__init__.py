@@ -53,6 +53,7 @@ from tsmblocks.blocks.limits import Quantiser as Quantiser
 from tsmblocks.blocks.limits import RateLimit as RateLimit
 from tsmblocks.blocks.limits import Relay as Relay
 from tsmblocks.blocks.limits import Saturation as Saturation
+from tsmblocks.blocks.limits import SoftDeadZone as SoftDeadZone
 from tsmblocks.blocks.limits import SoftRateLimit as SoftRateLimit
 from tsmblocks.blocks.limits import SoftSaturation as SoftSaturation
 from tsmblocks.blocks.linear import Delay as Delay
@@ -93,6 +94,7 @@ from tsmblocks.blocks.transmission import Drift as Drift
 from tsmblocks.blocks.transmission import GainChange as GainChange
 from tsmblocks.blocks.transmission import GainDrift as GainDrift
 from tsmblocks.blocks.transmission import Jump as Jump
+from tsmblocks.blocks.transmission import ParallelResonance as ParallelResonance
 from tsmblocks.blocks.transmission import RateDependence as RateDependence
 from tsmblocks.blocks.transmission import Resonance as Resonance
 from tsmblocks.blocks.transmission import Ripple as Ripple

@@ -84,7 +84,9 @@ class DiscreteTransferFunction(Block):
     period: float = _period()
     num: tuple[float, ...] = parameter(default=(0.1,), about="numerator")
     den: tuple[float, ...] = parameter(default=(1.0, -0.9), about="denominator; its length sets the order")
-    x0: tuple[float, ...] = parameter(default=(), about="initial states w, newest first; an empty list means zeros")
+    x0: tuple[float, ...] = parameter(
+        default=(), about="initial states w, newest first; an empty list means zeros", initial=True
+    )
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
@@ -118,7 +120,7 @@ class DiscreteStateSpace(Block):
     B: systems.Rows = parameter(default=((0.1,),), about="input matrix, as rows")
     C: systems.Rows = parameter(default=((1.0,),), about="output matrix, as rows")
     D: systems.Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
-    x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros")
+    x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros", initial=True)
     input_names: tuple[str, ...] = systems.names_of("inputs", "u, or u1, u2, …")
     output_names: tuple[str, ...] = systems.names_of("outputs", "y, or y1, y2, …")
     state_names: tuple[str, ...] = systems.names_of("states", "x1, x2, …")

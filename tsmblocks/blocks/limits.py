@@ -67,7 +67,11 @@ def _softened(away: Any, softness: Any) -> Any:
 
 def _rounding(away: Any, softness: Any) -> Any:
     """By how much a corner is rounded, so far away from it."""
-    return softness * ca.log1p(ca.exp(-ca.fabs(away) / softness))
+    return softness * _log_rounding(away, softness)
+
+
+def _log_rounding(away: Any, softness: Any) -> Any:
+    return ca.log1p(ca.exp(-ca.fabs(away) / softness))
 
 
 @block
@@ -91,6 +95,31 @@ class DeadZone(Block):
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=ca.fmax(u.u - self.high, 0.0) + ca.fmin(u.u - self.low, 0.0))
+
+
+@block
+class SoftDeadZone(Block):
+    r"""Dead zone with rounded edges, in which the output rests near the centre.
+
+    .. math:: y = c + s \ln\left(1 + e^{(u - c - w)/s}\right) - s \ln\left(1 + e^{(c - u - w)/s}\right)
+
+    It tends to a dead zone from c - w to c + w as s falls; without a width the signal passes as it is.
+    """
+
+    source = "definition; Dugas and others, NIPS 13 (2000), the softplus function"
+    symbol = "soft zone"
+
+    half_width: float = parameter(default=0.05, about="half width w of the zone", unit="?u", at_least=0.0)
+    centre: float = parameter(default=0.0, about="centre c of the zone", unit="?u")
+    softness: float = parameter(default=0.01, about="distance s over which an edge is rounded", unit="?u", above=0.0)
+    u = Input("any signal", unit="?u")
+    y = Output("the signal without the zone", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        away, width = u.u - self.centre, self.half_width
+        lost = ca.fmin(ca.fmax(away, -width), width)
+        upper, lower = _log_rounding(away - width, self.softness), _log_rounding(away + width, self.softness)
+        return dict(y=u.u - lost + self.softness * (upper - lower))  # one product, so that equal parts cancel exactly
 
 
 @block

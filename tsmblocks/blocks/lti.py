@@ -32,7 +32,7 @@ class TransferFunction(Block):
 
     num: tuple[float, ...] = parameter(default=(1.0,), about="numerator")
     den: tuple[float, ...] = parameter(default=(0.05, 1.0), about="denominator; its length sets the order")
-    x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros")
+    x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros", initial=True)
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
@@ -80,7 +80,7 @@ class ZeroPoleGain(Block):
     zero_pairs: systems.Rows = parameter(default=(), about="conjugate zeros, as rows (re, im)", unit="rad/s")
     pole_pairs: systems.Rows = parameter(default=((-3.0, 4.0),), about="conjugate poles, likewise", unit="rad/s")
     gain: float = parameter(default=50.0, about="factor in front of the fraction")
-    x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros")
+    x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros", initial=True)
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
 
@@ -152,7 +152,7 @@ class StateSpace(Block):
     B: systems.Rows = parameter(default=((0.0,), (100.0,)), about="input matrix, as rows")
     C: systems.Rows = parameter(default=((1.0, 0.0),), about="output matrix, as rows")
     D: systems.Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
-    x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros")
+    x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros", initial=True)
     input_names: tuple[str, ...] = systems.names_of("inputs", "u, or u1, u2, …")
     output_names: tuple[str, ...] = systems.names_of("outputs", "y, or y1, y2, …")
     state_names: tuple[str, ...] = systems.names_of("states", "x1, x2, …")

@@ -271,26 +271,61 @@ class RateDependence(Block):
 class Resonance(Block):
     r"""A share of the signal that resonates: an elastic tendon with a load at its end.
 
-    .. math:: \ddot z = \omega^2 (u - z) - 2 \zeta \omega \dot z, \qquad y = u + s (z - u)
+    .. math:: \ddot z = \omega^2 (u - z) + 2 \zeta \omega (f \dot u - \dot z), \qquad y = u + s (z - u)
 
-    At s = 0 the signal passes, at 1 it is the oscillator's.
+    At s = 0 the signal passes, at 1 it is the oscillator's. The damper acts against the ground at f = 0 and against the
+    moving base at f = 1. The state ``rate`` is :math:`\dot z - 2 \zeta \omega f (u - z)`: so no rate of u is needed.
     """
 
-    source = "definition"
+    source = "definition; base excitation as in Inman, Engineering Vibration, section 2.4"
     symbol = "resonance"
 
     share: float = parameter(default=0.0, about="share of the signal that swings", at_least=0.0, at_most=1.0)
     omega: float = parameter(default=20.0, about="natural frequency", unit="rad/s", above=0.0)
     zeta: float = parameter(default=0.2, about="damping ratio", at_least=0.0)
+    feed: float = parameter(default=0.0, about="share f of the damper on the base", at_least=0.0, at_most=1.0)
 
     u = Input("any signal", unit="?u")
     y = Output("the signal, a share of it swinging", unit="?u")
     swing: float = state(default=0.0, about="the oscillator", unit="?u")
-    rate: float = state(default=0.0, about="its rate", unit="?u/s")
+    rate: float = state(default=0.0, about="its rate, less what the base damps", unit="?u/s")
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        damping = 2 * self.zeta * self.omega
+        swing = x.rate + damping * self.feed * (u.u - x.swing)
         pull = self.omega * self.omega * (u.u - x.swing)
-        return dict(swing=x.rate, rate=pull - 2 * self.zeta * self.omega * x.rate)
+        return dict(swing=swing, rate=pull - damping * (1 - self.feed) * swing)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + self.share * (x.swing - u.u))
+
+
+@block
+class ParallelResonance(Block):
+    r"""A mode beside a model: what a further oscillator, driven by the same input x, adds to the output.
+
+    .. math:: \ddot z = \omega^2 (x - z) - 2 \zeta \omega \dot z, \qquad y = u + g z + h \dot z / \omega
+
+    A linear system of higher order is a sum of such modes.
+    """
+
+    source = "partial fractions; Ljung, System Identification (1999), section 4.2"
+    symbol = "+ mode"
+
+    gain: float = parameter(default=0.0, about="share g of the oscillator in the output")
+    rate_gain: float = parameter(default=0.0, about="share h of its rate, in periods of 1/omega")
+    omega: float = parameter(default=20.0, about="natural frequency", unit="rad/s", above=0.0)
+    zeta: float = parameter(default=0.05, about="damping ratio", at_least=0.0)
+
+    u = Input("output of the model beside it", unit="?u")
+    x = Input("input of the model", unit="?x")
+    y = Output("both together", unit="?u")
+    swing: float = state(default=0.0, about="the oscillator", unit="?x")
+    rate: float = state(default=0.0, about="its rate", unit="?x/s")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        pull = self.omega * self.omega * (u.x - x.swing)
+        return dict(swing=x.rate, rate=pull - 2 * self.zeta * self.omega * x.rate)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.gain * x.swing + self.rate_gain * x.rate / self.omega)

@@ -14,7 +14,7 @@ from tsmblocks.common.errors import DataError, ParameterError, near
 from tsmblocks.common.interpolation import Hold
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.model import ModelSettings
-from tsmblocks.effects import Effect, catalogue
+from tsmblocks.effects import Effect, Relative, catalogue, relatives
 from tsmblocks.fitting.experiments import Window, compared, signal_of, span
 from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import chosen, given_bounds
@@ -42,7 +42,7 @@ class Request:
     diagram: Diagram
     records: Mapping[str, Record]
     measured: tuple[str, ...]
-    effects: tuple[Effect, ...]
+    effects: tuple[Effect | Relative, ...]
     patterns: tuple[str, ...] | None
     noise_floors: Mapping[str, tuple[float, str]]
     settings: ModelSettings
@@ -127,9 +127,9 @@ def _compared(records: Mapping[str, Record], inside: Windows) -> dict[str, np.nd
     return {name: r.t if inside is None else r.t[span(name, r, inside[name])] for name, r in records.items()}
 
 
-def _selected(patterns: tuple[str, ...] | None) -> tuple[Effect, ...]:
-    """The effects that the patterns name. Raises ParameterError for a pattern that names none."""
-    every = catalogue()
+def _selected(patterns: tuple[str, ...] | None) -> tuple[Effect | Relative, ...]:
+    """The effects and relatives that the patterns name. Raises ParameterError for a pattern that names none."""
+    every: tuple[Effect | Relative, ...] = (*catalogue(), *relatives())
     if patterns is None:
         return every
     if not patterns:

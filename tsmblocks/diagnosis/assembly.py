@@ -17,6 +17,7 @@ from tsmblocks.diagnosis.script import diagram_source
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.summary import DiagnosedPart, segment_summary
 from tsmblocks.fitting.holds import common_holds, in_one_word
+from tsmblocks.fitting.parameters import with_initial_values
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.simulation import Simulation
 
@@ -26,7 +27,7 @@ VERDICT_RANK = {"named": 2, "unknown": 1, "none": 0}
 
 def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[str], interrupted: bool) -> Diagnosis:
     """The diagnosis of the whole diagram from those of its parts."""
-    diagram = request.diagram
+    diagram = with_initial_values(request.diagram) if request.settings.start_states else request.diagram
     segments = tuple(segment_summary(diagnosed, diagram) for diagnosed in parts)
     verdict = max((s.verdict for s in segments), key=lambda v: VERDICT_RANK[v])
     sentences = [s.sentence for s in segments if s.verdict == verdict]
@@ -47,11 +48,11 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
         tuple(dict.fromkeys(notes)),
         "interrupted" if interrupted else "done",
         request.spans,
-        given=diagram,
+        given=request.diagram,
         simulated=_simulated(request, parts),
         provenance=Provenance(
             __version__,
-            diagram_source(diagram),
+            diagram_source(request.diagram),
             recorded(request.records, [*diagram.inputs, *diagram.outputs]),
             _options(request, parts),
         ),
@@ -61,7 +62,8 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
 
 def _whole_diagram(request: Request, parts: Sequence[DiagnosedPart], *, with_effects: bool) -> Diagram:
     """The whole diagram with the fitted parameters, and with the blocks of the named effects."""
-    result = diagram = request.diagram
+    diagram = request.diagram
+    result = with_initial_values(diagram) if request.settings.start_states else diagram
     for diagnosed in parts:
         last = diagnosed.models[-1 if with_effects else 0]
         for one in diagnosed.named if with_effects else ():

@@ -14,7 +14,8 @@ from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.insertion_points import InsertionPoint
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.effects import Effect, Scales, Span, Trials, span_of
+from tsmblocks.diagnosis.replacements import ReplacementPoint, replacements
+from tsmblocks.effects import Effect, Replacement, Scales, Span, Trials, span_of
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
@@ -28,7 +29,10 @@ REST_HALF_RANGE = 1e-12
 
 @attrs.frozen(eq=False)
 class Candidate:
-    """An effect at an insertion point: ``diagram`` is the model's with ``block`` added, at the null of the effect."""
+    """An effect at an insertion point: ``diagram`` is the model's with ``block`` added, at the null of the effect.
+
+    Of a replacement, ``block`` is the name of the block that is replaced, and the parameters are its starting values.
+    """
 
     effect: Effect
     point: InsertionPoint
@@ -40,6 +44,15 @@ class Candidate:
     def free(self) -> tuple[str, ...]:
         """Full names of the fitted parameters of the effect."""
         return tuple(f"{self.block}.{k}" for k in self.effect.free)
+
+    @property
+    def replaced(self) -> str:
+        """The name of the block that is replaced; empty for an effect that adds one."""
+        return self.block if isinstance(self.effect, Replacement) else ""
+
+    def owns(self, parameter: str) -> bool:
+        """Whether a parameter is one of the block that replaces another."""
+        return bool(self.replaced) and parameter.startswith(f"{self.replaced}.")
 
     @property
     def initialised_states(self) -> tuple[str, ...]:
@@ -173,9 +186,29 @@ def _available_orders(model: Model) -> dict[str, float]:
     return orders
 
 
+def replacement_candidates(model: Model, wires: WireSignals, points: Sequence[ReplacementPoint]) -> list[Candidate]:
+    """Every relative in place of a block of the model whose signals are not at rest."""
+    found: list[Candidate] = []
+    base, orders = model.fitted_diagram, _available_orders(model)
+    moving = [p for p in points if _moves(wires.span(p.signal)) and _moves(wires.span(p.other))]
+    for effect, point in replacements(base, moving, wires.scales):
+        trials = effect.trials(wires.scales(point))
+        if trials is None:
+            continue
+        effect.accepts(trials)
+        edited = _with_effect(base, point.replaced, effect, point, trials, orders)
+        if edited is not None:
+            found.append(Candidate(effect, point, point.replaced, edited, trials))
+    return found
+
+
+def _moves(span: Span) -> bool:
+    return span.reach > REST_HALF_RANGE and span.fastest > 0
+
+
 def _trials(effect: Effect, scales: Scales) -> Trials | None:
     """The trial values of an effect; None where signals at rest do not excite it (but for effects of time)."""
-    if all(one.reach > REST_HALF_RANGE and one.fastest > 0 for one in (scales.wire, scales.other)):
+    if _moves(scales.wire) and _moves(scales.other):
         return effect.trials(scales)
     trials = effect.trials(scales) if effect.family == "time" else None
     sized = trials is not None and all(abs(size) > REST_HALF_RANGE for size in trials.strengths.values())

@@ -142,7 +142,8 @@ def ridge_weights(shrinkage: Shrinkage, model: Model) -> tuple[np.ndarray, np.nd
     for k, item in enumerate(model.problem.unknowns.items):
         if item.parameter in shrinkage:
             zero, size = shrinkage[item.parameter]
-            ridge[k] = 1 / (size if np.isnan(zero) else max(size, abs(model.theta[k]))) ** 2
+            estimate = abs(model.theta[k])
+            ridge[k] = 1 / ((size or estimate or 1.0) if np.isnan(zero) else max(size, estimate)) ** 2
             null[k] = model.theta[k] if np.isnan(zero) else zero
     return ridge, null
 

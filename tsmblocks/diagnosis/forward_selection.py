@@ -9,7 +9,7 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.base_search import better_base
-from tsmblocks.diagnosis.candidates import Candidate, candidates, wire_signals
+from tsmblocks.diagnosis.candidates import Candidate, candidates, replacement_candidates, wire_signals
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import (
     INDISTINGUISHABLE_NOISE_SHARE,
@@ -37,9 +37,11 @@ from tsmblocks.diagnosis.model import (
     with_sufficient_step,
 )
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
+from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, ScreeningScore, screening_score
 from tsmblocks.diagnosis.surrogates import surrogates
-from tsmblocks.effects import Effect
+from tsmblocks.diagnosis.time_and_distance import only_frequency, with_distances_first
+from tsmblocks.effects import Effect, Relative, Replacement
 from tsmblocks.fitting.column_space import column_space
 
 SURROGATES = 99
@@ -111,7 +113,7 @@ class SearchContext:
 
     records: Mapping[str, Record]
     settings: ModelSettings
-    effects: Sequence[Effect]
+    effects: Sequence[Effect | Relative]
     blocks: TimeBlocks
     noise: NoiseLevel
     progress: ProgressCallback
@@ -120,6 +122,12 @@ class SearchContext:
     def noise_variance(self) -> float:
         """Mean square of the noise, in the variances that residuals are counted in: the least that is plausible."""
         return self.noise.low
+
+    @property
+    def only_frequency(self) -> float | None:
+        """The one frequency [Hz] of all recordings, None where there are several."""
+        first = next(iter(self.records.values()))
+        return only_frequency(self.records, [k for k in first.units if k not in self.settings.outputs])
 
 
 def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
@@ -147,6 +155,9 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
     while verdict.named is not None and not _is_determined(verdict.named, verdict.named.model):
         fitted = [attrs.evolve(one, tenable=False) if one is verdict.named else one for one in fitted]
         verdict = decide(losses[0], fitted, search.blocks, search.noise_variance, search.settings.seed)
+    other = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
+    if other.named is not None and _is_determined(other.named, other.named.model):
+        verdict = other
     return SearchRound(model, *losses, tuple(scores), verdict)
 
 
@@ -159,9 +170,14 @@ def _is_determined(one: FittedCandidate, model: Model) -> bool:
 def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list[ScreeningScore]:
     """The screening scores of all candidates, best first."""
     named, measured = {key.partition(".")[0] for key in shrinkage}, next(iter(search.records.values())).units
-    points = insertion_points(model.fitted_diagram, search.settings.outputs, search.effects, named, measured)
-    wires = wire_signals(model, points)
-    base, every = column_space(model.J, SQUARED_EFFECT_TOLERANCE), candidates(model, search.effects, wires, points)
+    effects = [one for one in search.effects if isinstance(one, Effect)]
+    relatives = [one for one in search.effects if isinstance(one, Relative)]
+    diagram, outputs = model.fitted_diagram, search.settings.outputs
+    points = insertion_points(diagram, outputs, effects, named, measured)
+    replaced = replacement_points(diagram, outputs[0], relatives, named)
+    wires = wire_signals(model, [*points, *replaced])
+    base = column_space(model.J, SQUARED_EFFECT_TOLERANCE)
+    every = [*candidates(model, effects, wires, points), *replacement_candidates(model, wires, replaced)]
     scores = []
     noise = {
         of_time: base.project_out(surrogates(model, SURROGATES, search.settings.seed, of_time=of_time))
@@ -340,7 +356,9 @@ def _rounds_for(
     made: list[SearchRound] = []
     shrinkage: Shrinkage = {}
     for one in effects:
-        found = search_round(model, shrinkage, attrs.evolve(search, effects=[one.candidate.effect]))
+        effect = one.candidate.effect
+        alone = effect.relative if isinstance(effect, Replacement) else effect
+        found = search_round(model, shrinkage, attrs.evolve(search, effects=[alone]))
         if found.verdict.named is None:
             continue
         made.append(attrs.evolve(found, single_effect=True))

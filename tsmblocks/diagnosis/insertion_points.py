@@ -118,7 +118,7 @@ def insertion_points(
             found += [InsertionPoint("across", name, signal, other=k, before=port) for k in reading]
         speed = is_speed(diagram.unit(name) or (measured or {}).get(name, ""))
         drive = driving_port(diagram, name, FORCE_TO_POSITION - speed)
-        signal = _source(diagram, drive) if drive else source
+        signal = source_of(diagram, drive) if drive else source
         if signal != source:  # an output that is its own drive has no drive in front of it
             found.append(InsertionPoint("drive", name, signal, before=drive))
             found.append(InsertionPoint("brake" if speed else "load", name, signal, other=source, before=drive))
@@ -142,7 +142,7 @@ def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[st
     """
     port = ""
     while (head := source.partition(".")[0]) in named:
-        before = _source(diagram, f"{head}.u")
+        before = source_of(diagram, f"{head}.u")
         if before in diagram.inputs:
             break
         source, port = before, f"{head}.u"
@@ -167,10 +167,10 @@ def own_insertion_point(diagram: Diagram, output: str, effect: Effect) -> Insert
             reads = ".".join(resolve(reads, diagram.blocks, "output"))
     except Fault:
         return None
-    return InsertionPoint(effect.place, output, _source(diagram, port), reads, before=port, adds=effect.adds)
+    return InsertionPoint(effect.place, output, source_of(diagram, port), reads, before=port, adds=effect.adds)
 
 
-def _source(diagram: Diagram, port: str) -> str:
+def source_of(diagram: Diagram, port: str) -> str:
     """The signal, or input of the diagram, that drives a port (``block.port``)."""
     link = next((x for x in diagram.links if ".".join(x.target) == port), None)
     if link is not None:

@@ -20,6 +20,7 @@ from tsmblocks.fitting.memories import refined
 from tsmblocks.fitting.nearest import nearest_of
 from tsmblocks.fitting.noise import Floor
 from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, no_progress, within_bounds
+from tsmblocks.fitting.parameters import numbers, with_initial_values
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup, pose
 from tsmblocks.fitting.step_size import following
@@ -213,18 +214,28 @@ def pose_extended(
 ) -> tuple[Problem, Setup]:
     """The problem of a diagram with more blocks than a model: the model's unknowns, and ``more`` of the added blocks.
 
-    Initial states of the added blocks, and those named in ``begins``, are unknowns of each experiment, as those of the
-    model are.
+    Unknowns of the model that the diagram does not have, since one of its blocks is replaced, are left out. Initial
+    states of the added blocks, and those named in ``begins``, are unknowns of each experiment, as those of the model
+    are.
     """
     items = model.problem.unknowns.items
-    free = [item.parameter for item in items if not item.experiment]
+    diagram = with_initial_values(diagram) if settings.start_states else diagram
+    known, had = diagram.parameters, {*model.setup.eq.x, *model.diagram.parameters}
+    items = tuple(item for item in items if item.parameter in known)
+    free = list(dict.fromkeys([*(item.parameter for item in items if not item.experiment), *more]))
     local = list(dict.fromkeys(item.parameter for item in items if item.experiment))
     if settings.start_states:
-        states = [*(k for k in equations(diagram).x if k not in model.setup.eq.x), *begins]
+        states = [*(k for k in equations(diagram).x if k in known), *_initial_lists(diagram), *begins]
+        states = [k for k in states if k not in had or k in begins]
         local += [k for k in dict.fromkeys(states) if k not in local]
     kept = {i.parameter: (i.low, i.high) for i in items}
     settings = attrs.evolve(settings, step=model.setup.experiments[0].times.h)
-    return pose_model(diagram, records, settings, [*free, *more], {**kept, **(bounds or {})}, local)
+    return pose_model(diagram, records, settings, free, {**kept, **(bounds or {})}, local)
+
+
+def _initial_lists(diagram: Diagram) -> list[str]:
+    """Names of initial values that blocks hold in lists."""
+    return [k for k, fields in numbers(diagram).items() if all(f.initial for f in fields)]
 
 
 def optimized(

@@ -136,7 +136,7 @@ def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires
     known, first, settled = model.values, wires.initial_values(candidate.point.signal), candidate.initialised_states
     theta = problem.unknowns.start.copy()
     for k, item in enumerate(problem.unknowns.items):
-        if item.name in known:
+        if item.name in known and (item.experiment or not candidate.owns(item.parameter)):
             theta[k] = known[item.name]
         elif item.parameter in settled:
             theta[k] = first[problem.unknowns.experiments.index(item.experiment)]
@@ -225,7 +225,8 @@ class _Screening:
         numbers = {k: s * v for (k, v), s in zip(strengths.items(), size, strict=False)}
         base_fixed, unknowns = self._unknowns_at({**shape, **numbers}), self.problem.unknowns
         shift = dict(zip(self.model.problem.unknowns.names, -self.base.turn @ (inside @ size), strict=True))
-        theta = base_fixed + np.array([shift.get(name, 0.0) for name in unknowns.names])
+        moved = [item.experiment or not self.candidate.owns(item.parameter) for item in unknowns.items]
+        theta = base_fixed + np.where(moved, [shift.get(name, 0.0) for name in unknowns.names], 0.0)
 
         def fall(by: np.ndarray) -> float:
             return -float(2 * by @ g + by @ m @ by)

@@ -14,7 +14,7 @@ from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.settings import Simulated
 from tsmblocks.files import load
 from tsmblocks.files.shipped import shipped_folder
-from tsmblocks.model.block import Block
+from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram, Inlet
 
 MAX_INLINE_EXPERIMENTS = 12
@@ -37,6 +37,7 @@ def _imports(diagnosis: Diagnosis) -> Iterator[str]:
         yield from ("import json", "from pathlib import Path", "")
     yield "import tsmblocks as tsm"
     kinds = {kind for e in diagnosis.effects for kind in _kinds(diagnosis.augmented.blocks[e.block])}
+    kinds |= {kind for k in _with_initial_values(diagnosis) for kind in _kinds(diagnosis.base.blocks[k])}
     kinds |= {Bias for e in diagnosis.effects if "Bias()" in e.code}
     shipped = sorted(k.__name__ for k in kinds if getattr(blocks, k.__name__, None) is k)
     if shipped:
@@ -65,7 +66,10 @@ def _diagram(diagnosis: Diagnosis) -> Iterator[str]:
     first, augmented = diagnosis.first, diagnosis.augmented
     name = diagram_source(first)
     yield f"diagram = tsm.load({name!r})" if name else "# diagram: the one that was diagnosed"
-    before, after = (load(name) if name else first).parameters, augmented.parameters
+    for key in _with_initial_values(diagnosis):
+        yield f"diagram = diagram.replace({key!r}, {literal(diagnosis.base.blocks[key])})"
+    given, after = (load(name) if name else first).parameters, augmented.parameters
+    before = {k: given.get(k, v) for k, v in diagnosis.base.parameters.items()}
     changed = {name: after[name] for name, value in before.items() if after.get(name, value) != value}
     if changed:
         yield from ("diagram = diagram.with_parameters({", *_items(changed), "})")
@@ -73,6 +77,19 @@ def _diagram(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"diagram = {effect.code.replace('…', literal(augmented.blocks[effect.block]), 1)}"
     if augmented.title != first.title:
         yield f"diagram = diagram.rewire(title={augmented.title!r})"
+
+
+def _with_initial_values(diagnosis: Diagnosis) -> list[str]:
+    """The blocks that hold lists of initial values, which were empty in the diagram that was diagnosed."""
+    first, base = diagnosis.first, diagnosis.base
+    had = set(first.parameters)
+    return [k for k, block in base.blocks.items() if any(f"{k}.{p}" not in had for p in _parameters_of(block))]
+
+
+def _parameters_of(block: Block | Diagram) -> list[str]:
+    if isinstance(block, Diagram):
+        return list(block.parameters)
+    return [leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key)]
 
 
 def _items(given: Mapping[str, Any]) -> Iterator[str]:

@@ -27,7 +27,9 @@ from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
 from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
+from tsmblocks.diagnosis.time_and_distance import second_frequency
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
+from tsmblocks.effects import Effect
 from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.model.diagram import Diagram
@@ -165,7 +167,8 @@ def _named(diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diag
         float(np.clip(_share_removed(losses, k, diagnosed.noise_variance), 0.0, 1.0)),
         across,
         tuple(name for name in also if name != effect.name),
-        separating_experiment(same, indistinguishable, diagnosed.search.records, diagnosed.search.settings),
+        second_frequency(effect.name, also, diagnosed.search.only_frequency)
+        or separating_experiment(same, indistinguishable, diagnosed.search.records, diagnosed.search.settings),
         point.code(candidate.block, effect.block),
     )
 
@@ -311,9 +314,12 @@ def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
         old = found.get(effect.name)
         if old is None or (old.value is None and limit is not None):
             found[effect.name] = DetectionLimit(effect.name, parameter, limit, unit, effect.excites)
-    for effect in diagnosed.search.effects:
-        found.setdefault(effect.name, DetectionLimit(effect.name, effect.free[0], None, "", effect.excites))
-    order = {effect.name: k for k, effect in enumerate(diagnosed.search.effects)}
+    for one in diagnosed.search.effects:
+        found.setdefault(one.name, DetectionLimit(one.name, one.free[0], None, "", one.excites))
+    order: dict[str, int] = {}
+    for k, one in enumerate(diagnosed.search.effects):
+        if isinstance(one, Effect) or one.name not in order:
+            order[one.name] = k
     return tuple(sorted(found.values(), key=lambda m: order[m.name]))
 
 

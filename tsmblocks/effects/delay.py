@@ -6,13 +6,17 @@ import math
 
 import attrs
 
-from tsmblocks.blocks import DeadTime, Lag, RateDependence, Resonance
+from tsmblocks.blocks import DeadTime, Lag, ParallelResonance, RateDependence, Resonance
 from tsmblocks.effects.effect import Effect, Scales, Trials, across
 from tsmblocks.model.diagram import Diagram
 
 TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)
 """Trial delays and time constants [s] for sampling steps up to ``COARSE_SAMPLING``; longer in proportion for longer
 ones. Chosen: the range of drives and sensors, a factor of three to five apart."""
+MODE_REACH = 20.0
+"""Largest swing of a mode when a recording begins [half the range of the input]. Chosen: one of light damping rings."""
+MODE_SHARE = 0.02
+"""Trial share of a mode in the output [range of the output over that of the input]. Chosen."""
 COARSE_SAMPLING = 0.05
 """Sampling step [s] from which the trial times grow. Chosen: a third of the longest one."""
 
@@ -32,15 +36,37 @@ def _trial_times(name: str, scales: Scales, most: float) -> Trials:
     return Trials({}, tuple({name: time} for time in times if time < most), bounds={name: (0.0, most)})
 
 
-def _resonance_trials(scales: Scales) -> Trials:
+def _frequencies(scales: Scales) -> tuple[list[float], list[float], float, float]:
+    """Trial natural frequencies [rad/s]: lines of the residual, and a grid; the slowest and the fastest considered."""
     slowest, fastest = 2 * math.pi / scales.shortest, 0.35 / scales.step
     grid = [slowest * 4 * (fastest / (4 * slowest)) ** (k / 8) for k in range(9)]
     lines = [2 * math.pi * f for f in scales.lines if slowest < 2 * math.pi * f < fastest]
-    shapes = tuple({"omega": omega, "zeta": zeta} for omega in (*lines[:4], *grid) for zeta in (0.05, 0.3))
+    return lines[:4], grid, slowest, fastest
+
+
+def _resonance_trials(scales: Scales) -> Trials:
+    lines, grid, slowest, fastest = _frequencies(scales)
+    shapes = tuple({"omega": omega, "zeta": zeta} for omega in (*lines, *grid) for zeta in (0.05, 0.3))
     # An oscillator with a large initial state and a small share would be a source of its own: it starts at the signal.
     wire = scales.wire
     begins = {"swing": (wire.low - wire.reach, wire.high + wire.reach), "rate": (-wire.fastest, wire.fastest)}
     return Trials({"share": 1.0}, shapes, bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, 1.5), **begins})
+
+
+def _base_excited_trials(scales: Scales) -> Trials:
+    own = _resonance_trials(scales)
+    return attrs.evolve(own, shapes=tuple({**shape, "feed": 0.5} for shape in own.shapes))
+
+
+def _mode_trials(scales: Scales) -> Trials:
+    lines, grid, slowest, fastest = _frequencies(scales)
+    light = [{"omega": omega, "zeta": zeta} for omega in lines for zeta in (0.003, 0.02)]
+    wide = [{"omega": omega, "zeta": zeta} for omega in (*lines, *grid) for zeta in (0.1, 0.5)]
+    most = MODE_REACH * scales.other.reach
+    begins = {"swing": (-most, most), "rate": (-1.5 * fastest * most, 1.5 * fastest * most)}
+    bounds = {"omega": (slowest, 1.5 * fastest), "zeta": (1e-4, 1.5), **begins}
+    size = MODE_SHARE * scales.wire.reach / max(scales.other.reach, 1e-300)
+    return Trials({"gain": size, "rate_gain": size}, (*light, *wide), bounds=bounds)
 
 
 def _rate_dependence_trials(scales: Scales) -> Trials | None:
@@ -62,6 +88,21 @@ LAG = Effect(
     excites="fast motion, at more than one frequency",
     confused=("dead_time", "resonance", "rate_dependence"),
     separates="a chirp to the highest frequency the drive can follow",
+)
+RESONANCE = Effect(
+    "resonance",
+    "delay",
+    "a resonance (elasticity behind the sensor)",
+    "output",
+    Resonance(),
+    {"share": 0.0},
+    ("share", "omega", "zeta"),
+    _resonance_trials,
+    excites="motion near its frequency, or steps",
+    confused=("dead_time", "first_order_lag"),
+    separates="a chirp through its frequency, or steps",
+    settled=("swing",),
+    within=("omega", "zeta"),
 )
 RATE_DEPENDENCE = Effect(
     "rate_dependence",
@@ -94,20 +135,24 @@ EFFECTS = (
     ),
     LAG,
     attrs.evolve(LAG, words="two first-order lags in a row", block=TWO_LAGS, variant="twice"),
-    Effect(
-        "resonance",
-        "delay",
-        "a resonance (elasticity behind the sensor)",
-        "output",
-        Resonance(),
-        {"share": 0.0},
-        ("share", "omega", "zeta"),
-        _resonance_trials,
-        excites="motion near its frequency, or steps",
-        confused=("dead_time", "first_order_lag"),
-        separates="a chirp through its frequency, or steps",
-        settled=("swing",),
-        within=("omega", "zeta"),
+    RESONANCE,
+    attrs.evolve(
+        RESONANCE,
+        words="a resonance whose damper moves with its base",
+        free=("share", "omega", "zeta", "feed"),
+        trials=_base_excited_trials,
+        variant="base-excited",
+    ),
+    attrs.evolve(
+        RESONANCE,
+        words="a further mode beside the model (a linear model of higher order)",
+        place="across",
+        block=ParallelResonance(),
+        null={"gain": 0.0, "rate_gain": 0.0},
+        free=("gain", "rate_gain", "omega", "zeta"),
+        trials=_mode_trials,
+        settled=(),
+        variant="parallel",
     ),
     RATE_DEPENDENCE,
     across(RATE_DEPENDENCE, "rate", "across"),

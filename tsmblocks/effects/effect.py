@@ -253,10 +253,10 @@ class Effect:
         ParameterError
             Where they name parameters that are not fitted.
         """
-        _refuse(self, _trial_faults(self, trials))
+        refuse(self, _trial_faults(self, trials))
 
     def __attrs_post_init__(self) -> None:
-        _refuse(self, _faults(self))
+        refuse(self, _faults(self))
 
 
 def across(effect: Effect, name: str, variant: str) -> Effect:
@@ -280,7 +280,7 @@ def across(effect: Effect, name: str, variant: str) -> Effect:
     )
 
 
-def _refuse(effect: Effect, faults: Iterator[str]) -> None:
+def refuse(effect: Any, faults: Iterator[str]) -> None:
     """Raise ParameterError for the first fault, if there is one."""
     for fault in faults:
         raise ParameterError(f"effect {in_words(effect.name)}: {fault}")
@@ -296,13 +296,14 @@ def _faults(effect: Effect) -> Iterator[str]:
         yield f"there is no place {in_words(effect.place)}.{near(effect.place, PLACES)}"
     if not isinstance(effect.block, (Block, Diagram)):
         yield not_a_block("block", effect.block)
-    yield from _parameter_faults(effect)
+    yield from parameter_faults(effect)
     yield from _port_faults(effect)
     if not callable(effect.trials):
         yield f"trials must be a function from Scales to Trials, got {in_words(effect.trials)}."
 
 
-def _parameter_faults(effect: Effect) -> Iterator[str]:
+def parameter_faults(effect: Effect) -> Iterator[str]:
+    """What is wrong with the parameters that an effect names."""
     numbers, states = _parameters_of(effect.block), _states(effect.block)
     yield from _unknown((*effect.null, *effect.free, *effect.within), numbers, "its block has no parameter '{}'.")
     for name, value in effect.null.items():

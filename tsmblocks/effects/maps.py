@@ -6,7 +6,19 @@ import math
 
 import attrs
 
-from tsmblocks.blocks import Bend, Bias, Bow, DeadZone, Gain, Ripple, Saturation, Slack, SoftSaturation, Sum
+from tsmblocks.blocks import (
+    Bend,
+    Bias,
+    Bow,
+    DeadZone,
+    Gain,
+    Ripple,
+    Saturation,
+    Slack,
+    SoftDeadZone,
+    SoftSaturation,
+    Sum,
+)
 from tsmblocks.effects.effect import Effect, Scales, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
@@ -25,6 +37,21 @@ def _dead_zone_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     shapes = tuple({"low": -share * reach, "high": share * reach} for share in (0.01, 0.03, 0.1, 0.25))
     return Trials({}, shapes, bounds={"low": (-reach, 0.0), "high": (0.0, reach)})
+
+
+def _soft_dead_zone_trials(scales: Scales) -> Trials:
+    reach = scales.wire.reach
+    shapes = tuple(
+        {"half_width": share * reach, "softness": 0.3 * share * reach, **centre}
+        for centre in _centres(scales)
+        for share in (0.01, 0.03, 0.1, 0.25)
+    )
+    bounds = {
+        "half_width": (0.0, reach),
+        "softness": (1e-4 * reach, 0.5 * reach),
+        "centre": (scales.wire.low, scales.wire.high),
+    }
+    return Trials({}, shapes, bounds=bounds)
 
 
 def _saturation_trials(scales: Scales) -> Trials:
@@ -154,6 +181,20 @@ SATURATION = Effect(
     separates="two amplitudes",
     variant="output",
 )
+SOFT_DEAD_ZONE = Effect(
+    "dead_zone",
+    "map",
+    "a dead zone with rounded edges",
+    "output",
+    SoftDeadZone(half_width=0.0),
+    {"half_width": 0.0},
+    ("half_width", "centre", "softness"),
+    _soft_dead_zone_trials,
+    excites="motion through the zone and beyond it",
+    confused=("odd_nonlinearity", "backlash"),
+    separates="a slow ramp over the full range: a dead zone takes the same way back",
+    variant="soft",
+)
 ODD = Effect(
     "odd_nonlinearity",
     "map",
@@ -198,6 +239,8 @@ EFFECTS = (
         separates="a slow ramp of the drive through zero",
         variant="drive",
     ),
+    SOFT_DEAD_ZONE,
+    attrs.evolve(SOFT_DEAD_ZONE, words="a dead zone in front of the model", place="input", variant="input"),
     SATURATION,
     attrs.evolve(SATURATION, place="drive", variant="drive"),
     attrs.evolve(

@@ -326,12 +326,27 @@ def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free")
 
 def is_start(fields: list[Field]) -> bool:
     """Whether a number is the initial value of a state: patterns leave those out, names do not."""
-    return bool(fields) and all(f.kind == "state" for f in fields)
+    return bool(fields) and all(f.kind == "state" or f.initial for f in fields)
+
+
+def with_initial_values(diagram: Diagram) -> Diagram:
+    """The diagram in which empty lists of initial values are zeros, so that each value can be named."""
+    changed: dict[str, Any] = {}
+    for name, block in diagram.blocks.items():
+        if isinstance(block, Diagram):
+            inner = with_initial_values(block)
+            changed |= {} if inner is block else {name: inner}
+            continue
+        given = block.parameters
+        empty = [k for k, f in block.fields().items() if f.initial and given.get(k) == ()]
+        if empty and block.states:
+            changed[name] = block.replace(**dict.fromkeys(empty, (0.0,) * len(block.states)))
+    return diagram.rewire(blocks={**diagram.blocks, **changed}) if changed else diagram
 
 
 def _is_set(fields: list[Field]) -> bool:
     """Whether a number is free only where it is named: an initial state, or one that is known."""
-    return bool(fields) and all(f.kind == "state" or f.known for f in fields)
+    return bool(fields) and all(f.kind == "state" or f.known or f.initial for f in fields)
 
 
 def bounds_of(fields: list[Field], value: float) -> tuple[float, float]:

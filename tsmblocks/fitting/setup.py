@@ -32,6 +32,7 @@ from tsmblocks.fitting.parameters import (
     is_start,
     numbers,
     unknown,
+    with_initial_values,
     with_ties,
 )
 from tsmblocks.fitting.recordings import Data, recordings, windows, with_adopted_units, without_units
@@ -224,12 +225,14 @@ def pose(
 ) -> tuple[Problem, Setup]:
     """The problem that a fit solves, every name checked. Arguments as for ``fit``."""
     diagram = as_diagram(diagram).with_parameters(arguments.as_mapping("start", start, "'tsm.theta': 3.0"))
+    start_states = arguments.as_bool("start_states", start_states)
+    diagram = with_initial_values(diagram) if start_states else diagram
     records = recordings(data)
     diagram, adopted = with_adopted_units(diagram, records)
     known = numbers(diagram)
     names = chosen(diagram, free)
     own = [] if local is None else chosen(diagram, local, "local")
-    if arguments.as_bool("start_states", start_states):
+    if start_states:
         own += [name for name, fields in known.items() if is_start(fields) and name not in own]
     names = [k for k in known if k in {*names, *own}]
     # tying a name that is freed alone is a contradiction, while a pattern may cover tied ones

@@ -152,6 +152,7 @@ class Field:
     choices: tuple[Any, ...] = ()
     default: Any = None
     known: bool = False
+    initial: bool = False
 
     @property
     def low(self) -> float:
@@ -193,6 +194,7 @@ def parameter(
     at_most: float = math.inf,
     finite: bool = True,
     known: bool = False,
+    initial: bool = False,
 ) -> Any:
     """Declare a parameter: a number or a tuple that stays a symbol until the run, to be swept, fitted, differentiated.
 
@@ -212,6 +214,9 @@ def parameter(
         Whether infinity (a limit that never acts) is refused even where no bound excludes it.
     known : bool, default False
         Whether a fit keeps it fixed unless it is named: it is read off a data sheet, or a matter of choice.
+    initial : bool, default False
+        Whether it is a list of initial values, one for each state, or an empty one for zeros: no property of a machine,
+        but of a recording.
 
     Returns
     -------
@@ -224,7 +229,9 @@ def parameter(
 
         gain: float = tsm.parameter(default=2.0, about="gain", unit="N*m/rad", above=0.0)
     """
-    return _field(default, Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known))
+    return _field(
+        default, Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known, initial=initial)
+    )
 
 
 def option(
