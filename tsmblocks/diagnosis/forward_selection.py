@@ -180,7 +180,7 @@ def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list
     every = [*candidates(model, effects, wires, points), *replacement_candidates(model, wires, replaced)]
     scores = []
     noise = {
-        of_time: base.project_out(surrogates(model, SURROGATES, search.settings.seed, of_time=of_time))
+        of_time: surrogates(model, base, SURROGATES, search.settings.seed, of_time=of_time)
         for of_time in {is_of_time(one) for one in every}
     }
     for k, one in enumerate(every):

@@ -13,12 +13,16 @@ import numpy as np
 
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of
+from tsmblocks.fitting.column_space import ColumnSpace
 
 MIN_STRETCHES = 20
 """Stretches of all experiments together, at least. Chosen: their signs alone give a million surrogates."""
 FOLDS = 5
 """Groups of stretches that are held out in turn. Source: Hastie et al., The Elements of Statistical Learning (2009),
 7.10: five or ten."""
+
+COLUMNS_AT_A_TIME = 16
+"""Surrogates projected at a time. Chosen: for memory."""
 
 
 def rows_of_experiments(model: Model, output: int) -> list[np.ndarray]:
@@ -64,10 +68,11 @@ def without_phase(r: np.ndarray, draws: int, draw: np.random.Generator) -> np.nd
     return np.fft.irfft(spectrum[:, None] * phase, len(r), axis=0)
 
 
-def surrogates(model: Model, draws: int, seed: int, *, of_time: bool) -> np.ndarray:
-    """Surrogates of a model's residual, shape (N, draws): of the noise that it would be if the model were right.
+def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_time: bool) -> np.ndarray:
+    """Surrogates of a model's residual with the base projected out, shape (N, draws), in single precision.
 
-    With ``of_time`` they have lost their tie to the time, for effects of time; else to the input.
+    They are the noise that the residual would be if the model were right. With ``of_time`` they have lost their tie to
+    the time, for effects of time; else to the input.
     """
     draw, result = np.random.default_rng(seed), np.empty((len(model.r), draws), dtype=np.float32)
     for output in range(len(model.setup.outputs)):
@@ -79,4 +84,7 @@ def surrogates(model: Model, draws: int, seed: int, *, of_time: bool) -> np.ndar
             else:
                 for part in own:
                     result[rows[part]] = rolled(model.r[rows[part]], draws, draw)
+    for first in range(0, draws, COLUMNS_AT_A_TIME):  # for memory
+        some = slice(first, first + COLUMNS_AT_A_TIME)
+        result[:, some] = base.project_out(result[:, some].astype(float))
     return result
