@@ -22,6 +22,8 @@ MIN_PREDICTED_EXCESS = 0.05
 excess below which no effect is named either."""
 RIDGES = (1e-3, 1e-2, 1e-1, 1.0)
 """Ridge weights on features of unit variance, of which the best is taken, for the surrogates as well. Chosen."""
+KINDS = ("shape", "rate", "turning points", "lag")
+"""Kinds of features. Each kind alone is tried as well as all together: few features need few samples."""
 PLAY_WIDTHS = (0.003, 0.01, 0.03, 0.08, 0.15, 0.3, 0.6)
 """Half widths of plays [half ranges of the signal]. Chosen: from far below any gap to most of the motion."""
 TIME_CONSTANTS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
@@ -73,7 +75,8 @@ def evidence(model: Model, seed: int) -> Evidence:
     predicted is held against that of surrogates of the residual.
     """
     draw = np.random.default_rng(seed)
-    every = [_regression(model, output, draw) for output in range(len(model.setup.outputs))]
+    kinds = _kinds(model)
+    every = [_regression(model, output, kinds, draw) for output in range(len(model.setup.outputs))]
     total = np.sum([squares for _, squares in every], axis=0)
     rest = np.sum([error for error, _ in every], axis=0)
     share = 1 - rest / np.maximum(total, 1e-300)
@@ -87,7 +90,9 @@ def evidence(model: Model, seed: int) -> Evidence:
     )
 
 
-def _regression(model: Model, output: int, draw: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _regression(
+    model: Model, output: int, kinds: np.ndarray, draw: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Squared error and sum of squares, each (1 + draws,), of one output's residual and of its surrogates."""
     groups = rows_of_experiments(model, output)
     cuts = stretches_of([len(rows) for rows in groups])
@@ -106,7 +111,10 @@ def _regression(model: Model, output: int, draw: np.random.Generator) -> tuple[n
             squares += np.einsum("ij,ij->j", both, both)
     if gram is None or gram.shape[1] == 1:  # nothing moves
         return squares, squares
-    return _held_out_error(gram, moment, squares), squares
+    constant = gram.shape[1] - 1
+    sets = [np.arange(constant + 1), *(np.append(np.flatnonzero(kinds == k), constant) for k in range(len(KINDS)))]
+    errors = [_held_out_error(gram[:, own][:, :, own], moment[:, own], squares) for own in sets]
+    return np.min(errors, axis=0), squares
 
 
 def _held_out_error(gram: np.ndarray, moment: np.ndarray, squares: np.ndarray) -> np.ndarray:
@@ -141,17 +149,31 @@ def _held_out_error(gram: np.ndarray, moment: np.ndarray, squares: np.ndarray) -
 
 def _features(model: Model) -> Iterator[np.ndarray]:
     """Features of the motion, an array (n, p) for each experiment, pieces joined; all have the same columns."""
-    motions = _motions(model)
-    chosen: list[str] = []
-    for name, values in motions.items():
-        joined = np.concatenate(values)
-        if np.ptp(joined) > 2 * MIN_HALF_RANGE and not any(_same(joined, np.concatenate(motions[k])) for k in chosen):
-            chosen.append(name)
-    scales = {name: _scale(motions[name]) for name in chosen}
+    motions = _distinct_motions(model)
+    scales = {name: _scale(values) for name, values in motions.items()}
     rows = rows_of_experiments(model, 0)
     for k, t in enumerate(_joined([one.t for one in model.setup.experiments], model)):
-        columns = [one for name in chosen for one in _of_signal(t, motions[name][k], *scales[name])]
+        signals = [_of_signal(t, values[k], *scales[name]) for name, values in motions.items()]
+        columns = [one for signal in signals for kind in signal for one in kind]
         yield np.array(columns).T if columns else np.empty((len(rows[k]), 0))
+
+
+def _kinds(model: Model) -> np.ndarray:
+    """The kind of each feature, shape (p,)."""
+    some = np.linspace(0.0, 1.0, 8)
+    of_signal = [k for k, kind in enumerate(_of_signal(some, some, 0.5, 0.5)) for _ in kind]
+    return np.array(of_signal * len(_distinct_motions(model)), dtype=int)
+
+
+def _distinct_motions(model: Model) -> dict[str, list[np.ndarray]]:
+    """The motions that move, and are not proportional to one before them."""
+    motions, chosen = _motions(model), dict[str, list[np.ndarray]]()
+    for name, values in motions.items():
+        joined = np.concatenate(values)
+        others = (np.concatenate(other) for other in chosen.values())
+        if np.ptp(joined) > 2 * MIN_HALF_RANGE and not any(_same(joined, other) for other in others):
+            chosen[name] = values
+    return chosen
 
 
 def _motions(model: Model) -> dict[str, list[np.ndarray]]:
@@ -187,8 +209,8 @@ def _scale(values: list[np.ndarray]) -> tuple[float, float]:
     return (low + high) / 2, (high - low) / 2
 
 
-def _of_signal(t: np.ndarray, x: np.ndarray, middle: float, reach: float) -> list[np.ndarray]:
-    """Features of one signal in one experiment."""
+def _of_signal(t: np.ndarray, x: np.ndarray, middle: float, reach: float) -> list[list[np.ndarray]]:
+    """Features of one signal in one experiment, a list for each of ``KINDS``."""
     from scipy.ndimage import uniform_filter1d
     from scipy.signal import lfilter
 
@@ -199,18 +221,19 @@ def _of_signal(t: np.ndarray, x: np.ndarray, middle: float, reach: float) -> lis
     a = uniform_filter1d(np.gradient(v, h), width)
     s, v, a = (smooth - middle) / reach, v / max(float(np.std(v)), 1e-300), a / max(float(np.std(a)), 1e-300)
     side = np.tanh(DIRECTION_STEEPNESS * v)
-    plays = [s - _play(s, width) for width in PLAY_WIDTHS]
-    result = [s, s**2, s**3, s**4, s**5, v, v * abs(v), abs(v), side, side * s, side * s**2, v * s, v * s**2, a, a * s]
-    result += [*plays, plays[3] * s, plays[3] * side, plays[3] ** 2, plays[5] * s, plays[5] ** 2, plays[1] * s]
+    shape, lags = [s, s**2, s**3, s**4, s**5], list[np.ndarray]()
     for k in range(1, RIPPLE_COUNT + 1):
         phase = 2 * np.pi * k * s / RIPPLE_PERIOD
-        result += [np.sin(phase), np.cos(phase)]
+        shape += [np.sin(phase), np.cos(phase)]
+    rates = [v, v * abs(v), abs(v), side, side * s, side * s**2, v * s, v * s**2, a, a * s]
+    plays = [s - _play(s, half_width) for half_width in PLAY_WIDTHS]
+    plays += [plays[3] * s, plays[3] * side, plays[3] ** 2, plays[5] * s, plays[5] ** 2, plays[1] * s]
     for time in TIME_CONSTANTS:
         late = min(max(1, int(time / h)), len(s) - 1)
         share = h / (time + h)
-        result.append(np.concatenate([np.full(late, s[0]), s[:-late]]) - s)
-        result.append(lfilter([share], [1, share - 1], s, zi=[(1 - share) * s[0]])[0] - s)
-    return result
+        lags.append(np.concatenate([np.full(late, s[0]), s[:-late]]) - s)
+        lags.append(lfilter([share], [1, share - 1], s, zi=[(1 - share) * s[0]])[0] - s)
+    return [shape, rates, plays, lags]
 
 
 def _play(x: np.ndarray, half_width: float) -> np.ndarray:

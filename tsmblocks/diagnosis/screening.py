@@ -33,6 +33,8 @@ MAX_SQUARED_CORRELATION = 0.8
 """Squared correlation of two output changes below which two shapes are different starting points. Chosen."""
 DIVERGENCE_THRESHOLD = 1e30
 """Change of an output [rms noise] from which a simulation has diverged. Chosen: far from both data and overflow."""
+SINGLE_PRECISION = 1e-6
+"""Share of the sum of squares of a change that is rounding, in single precision. Chosen: ten times its resolution."""
 MAX_SIZE_FACTOR = 40.0
 """Largest size of an effect at the start of its fit [trial sizes]. Chosen: beyond it a linear prediction fails."""
 MAX_EXTRAPOLATION = 4.0
@@ -174,15 +176,19 @@ class _Screening:
         results = []
         for k, shape in enumerate(shapes):
             mine = slice(k * len(single), (k + 1) * len(single))
-            m = product(wide[mine], changes[:, mine]) - inside[:, mine].T @ inside[:, mine]
-            gains = np.zeros(0) if by_noise is None else self._noise_gains(by_noise[:, mine], m)
+            whole = product(wide[mine], changes[:, mine])
+            m = whole - inside[:, mine].T @ inside[:, mine]
+            gains = np.zeros(0) if by_noise is None else self._noise_gains(by_noise[:, mine], m, np.diag(whole))
             results.append(self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine], gains))
         return results
 
-    def _noise_gains(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
-        """Gains (D,) of a shape with any size in surrogates, with products ``g`` (D, k) and ``m`` (k, k)."""
-        m = m + 1e-9 * np.diag(np.maximum(np.diag(m), 1e-300))
-        gains = np.einsum("ij,ij->i", g, np.linalg.lstsq(m, g.T, rcond=None)[0].T)
+    def _noise_gains(self, g: np.ndarray, m: np.ndarray, whole: np.ndarray) -> np.ndarray:
+        """Gains (D,) of a shape with any size in surrogates, with products ``g`` (D, k) and ``m`` (k, k).
+
+        ``whole`` (k,) are the sums of squares before the base was projected out: what the base absorbs has no gain.
+        """
+        m = m + SINGLE_PRECISION * np.diag(np.maximum(whole, 1e-300))
+        gains = np.einsum("ij,ji->i", g, np.linalg.solve(m, g.T))
         one_way = not self.candidate.trials.strengths  # the size is part of the shape, and positive
         return np.where(g[:, 0] < 0, gains, 0.0) if one_way else gains
 

@@ -87,7 +87,14 @@ class DiagnosedPart:
     def leaves_predictable(self) -> bool:
         """Whether what the last model leaves is predicted, and material beside the noise."""
         predicted = self.final.mean_square - self.left.rest
-        return self.left.material and predicted >= MIN_PREDICTED_EXCESS * self.search.noise.low
+        material = self.left.material and predicted >= MIN_PREDICTED_EXCESS * self.search.noise.low
+        return material or self.rejected_share > 0
+
+    @property
+    def rejected_share(self) -> float:
+        """Share of the base's mean square that the best effect removes, where it removes too little to be accepted."""
+        rejected = None if self.count else self.rounds[0].verdict.named
+        return 0.0 if rejected is None else max(1 - rejected.loss / self.losses[0], 0.0)
 
     @property
     def models(self) -> list[Model]:
@@ -129,7 +136,10 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         as_fit(diagnosed.final),
         complete=not remains,
         irregular=diagnosed.is_irregular,
-        predictable=(max(diagnosed.predicted.share, 0.0), max(diagnosed.left.share, 0.0)),
+        predictable=(
+            max(diagnosed.predicted.share, diagnosed.rejected_share, 0.0),
+            max(diagnosed.left.share, diagnosed.rejected_share, 0.0),
+        ),
         largest_noise={k: v * np.sqrt(diagnosed.largest_noise) for k, v in diagnosed.floors.sigma.items()},
     )
     return attrs.evolve(result, sentence=verdict_sentence(result))

@@ -37,7 +37,7 @@ def verdict_sentence(segment: Segment) -> str:
         )
     weak = " There is a weak excess, too small to be named with these data." if segment.excess > WEAK_EXCESS else ""
     none = f"No unmodelled effect {between} is detectable with these data."
-    return f"{none} {_error(segment)}{weak}{_slow_noise(segment)}{_implausible_floor(segment)}"
+    return f"{none} {_error(segment)}{_slow_noise(segment) or weak}{_implausible_floor(segment)}"
 
 
 def _shape(segment: Segment) -> str:

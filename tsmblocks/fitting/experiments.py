@@ -180,20 +180,9 @@ def prepare(
     backend: str,
 ) -> Experiment:
     """Make a recording ready for a diagram. Raises DataError for signals or samples that are missing."""
-    cut, start = span(name, record, window), float(record.t[0])
-    t, own = record.t[cut], grid_step(record.t)
-    every = max(1, round(own / step))
-    even = lies_on_grid(record.t, own) and abs(own / step / every - 1) < UNEVEN
-    h = own / every if even else step
-    steps = (cut.stop - 1) * every if even else math.ceil((t[-1] - start) / h - UNEVEN)
-    times = TimeGrid(start, h, max(steps, 1), every if even else 1)
-    if times.steps > MOST_STEPS:
-        raise RunError(
-            f"experiment '{name}': a step of {h:g} s makes {times.steps:.3g} steps of its {t[-1] - start:g} "
-            f"s; {MOST_STEPS:.0e} are the most."
-        )
-    if h > t[-1] - start:
-        raise RunError(f"experiment '{name}': the step of {h:g} s is longer than the run of {t[-1] - start:g} s.")
+    cut = span(name, record, window)
+    times, even = _time_grid(name, record, cut, step)
+    t, start, h = record.t[cut], times.start, times.h
     exact = (t - start) / h
     place = np.arange(cut.start, cut.stop) if even else np.minimum(exact.astype(int), times.steps - 1)
     _refuse_missing(record, diagram)
@@ -227,6 +216,24 @@ def prepare(
         backend,
         _counted(record, outputs, cut),
     )
+
+
+def _time_grid(name: str, record: Record, cut: slice, step: float) -> tuple[TimeGrid, bool]:
+    """The steps of the simulation of a recording, and whether its samples lie on them."""
+    t, start, own = record.t[cut], float(record.t[0]), grid_step(record.t)
+    every = max(1, round(own / step))
+    even = lies_on_grid(record.t, own) and abs(own / step / every - 1) < UNEVEN
+    h = own / every if even else step
+    steps = (cut.stop - 1) * every if even else math.ceil((t[-1] - start) / h - UNEVEN)
+    times = TimeGrid(start, h, max(steps, 1), every if even else 1)
+    if times.steps > MOST_STEPS:
+        raise RunError(
+            f"experiment '{name}': a step of {h:g} s makes {times.steps:.3g} steps of its {t[-1] - start:g} "
+            f"s; {MOST_STEPS:.0e} are the most."
+        )
+    if h > t[-1] - start:
+        raise RunError(f"experiment '{name}': the step of {h:g} s is longer than the run of {t[-1] - start:g} s.")
+    return times, even
 
 
 def _shared(record: Record, kind: str, make: Callable[[], np.ndarray]) -> np.ndarray:

@@ -165,10 +165,7 @@ def fit(
     >>> round(fitted["gain.gain"].value, 6), fitted.status
     (0.8, 'converged')
     """
-    if not isinstance(method, str) or method not in METHODS:
-        raise RunError(f"there is no method {in_words(method)} of fitting.{near(method, METHODS)}")
-    if as_integer("segments", segments, 1) > 1 and method != "ipopt":
-        raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
+    _check_method(method, segments)
     starts, seed = as_integer("starts", starts, 1), as_integer("seed", seed, 0)
     report, limit = arguments.as_callback(progress, "stage, evaluations and rms"), _limit(iterations)
     options: Any = dict(outputs=outputs, window=window, step=step, integrator=integrator, hold=hold, backend=backend)
@@ -205,6 +202,13 @@ def fit(
                 found = [attrs.evolve(found[0], status="interrupted"), *found[1:]]
                 break
     return summarise(problem, setup, method, nearest_of(problem, setup, found))
+
+
+def _check_method(method: str, segments: int) -> None:
+    if not isinstance(method, str) or method not in METHODS:
+        raise RunError(f"there is no method {in_words(method)} of fitting.{near(method, METHODS)}")
+    if as_integer("segments", segments, 1) > 1 and method != "ipopt":
+        raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
 
 
 def _limit(iterations: int | None) -> dict[str, Any]:
