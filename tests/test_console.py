@@ -147,7 +147,8 @@ def test_tables_of_experiments_with_long_names_fit(words, here, capsys):
         Path(f"{name}.csv").write_text(Path("bend.csv").read_text("utf-8"), "utf-8")
     assert main([*words, "--data", *(f"{name}.csv" for name in names_)]) == 0
     out = capsys.readouterr().out
-    assert [line for line in out.splitlines() if len(line) > 80] == []
+    folded = [line for line in out.splitlines() if not line.startswith("  tsmblocks ")]  # a command is copied whole
+    assert [line for line in folded if len(line) > 80] == []
     assert "bend_at_60_degrees" in out
 
 

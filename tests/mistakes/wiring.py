@@ -563,11 +563,11 @@ def an_input_with_another_unit():
     DiagramError,
     """
 diagram 'angles' (HERE) has 1 problem:
-  1. input 'x': 'volt' is not a unit known here. Known here: %, 1, A, H, Hz, J, K, N, … (34 in all).
+  1. input 'x': 'cubit' is not a unit known here. Known here: %, 1, A, GPa, H, Hz, J, K, … (67 in all).
 """,
 )
 def an_input_with_an_unknown_unit():
-    Diagram(title="angles", blocks=dict(motor=MotorTransferFunction()), inputs={"x": Inlet("motor.u", unit="volt")})
+    Diagram(title="angles", blocks=dict(motor=MotorTransferFunction()), inputs={"x": Inlet("motor.u", unit="cubit")})
 
 
 @mistake(
