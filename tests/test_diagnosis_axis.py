@@ -33,7 +33,7 @@ def measured(samples, seed, late=LATE):
         speed, angle = speed + h * (SLOPE * volts - speed) / LAG, angle + h * speed
         nut = min(max(nut, PITCH * angle - GAP), PITCH * angle + GAP)
     x = np.array(seen[: len(u) * FINE : FINE]) + NOISE * draw.standard_normal(len(u))
-    return tsm.Record(f"run_{seed}", t, {"u": u, "x": x}, {"u": "V", "x": "mm"})
+    return tsm.Record(f"run_{seed}", t, {"u": u, "x": x}, {"u": "V"})
 
 
 def diagnosed(more, free, runs, **how):

@@ -45,7 +45,7 @@ SAMPLED = {
 def response(block, t, u, step):
     port = next(iter(block.inports))
     diagram = tsm.Diagram(title="alone", blocks={"b": block}, inputs={"u": f"b.{port}"}, outputs={"y": "b.y"})
-    return tsm.simulate(diagram, inputs={"u": (t, u)}, step=step)["y"]
+    return tsm.simulate(diagram, inputs={"u": (t, u)}, step=step, hold="linear")["y"]
 
 
 @pytest.mark.parametrize("name", CONTINUOUS)

@@ -417,7 +417,7 @@ def start_states_by_name():
     fit(start_states="all")
 
 
-@mistake(RunError, "hold must be a text, got None.")
+@mistake(DataError, "hold must be one of auto, zero, linear, cubic, or a mapping from inputs to these, got None.")
 def a_hold_of_nothing():
     fit(hold=None)
 
@@ -468,7 +468,7 @@ def feedback():
 
 @mistake(
     NotFinite,
-    "experiment 'rig' cannot be simulated: i.integral = -inf at t = 0.79 s: a state of i (Integrator) diverges. One step before: i.integral = -3.46856e+302. The loop may be unstable, or the step too long for it; try a smaller step.",
+    "experiment 'rig' cannot be simulated: i.integral = -inf at t = 0.79 s: a state of i (Integrator) diverges. One step before: i.integral = -3.46894e+302. The loop may be unstable, or the step too long for it; try a smaller step.",
 )
 def a_start_from_which_the_simulation_runs_away():
     fit(uy(), feedback(), start={"k.gain": -2000.0}, starts=1, step=0.01)

@@ -445,7 +445,7 @@ def an_input_function_that_fails():
     simulate(plant(), stop=1.0, inputs={"u": lambda t: 1.0 if t > 0.5 else 0.0})
 
 
-@mistake(DataError, "input 'u': there is no hold 'square'. Known here: cubic, linear, zero.")
+@mistake(DataError, "input 'u': there is no hold 'square'. Known here: auto, cubic, linear, zero.")
 def a_hold_that_is_none():
     simulate(plant(), stop=1.0, inputs={"u": np.zeros(1001)}, hold="square")
 
@@ -484,7 +484,7 @@ def the_second_derivative_of_a_linear_input():
         inputs={"x": "d1.u"},
         outputs={"a": "d2"},
     )
-    simulate(d, stop=1.0, inputs={"x": np.zeros(1001)})
+    simulate(d, stop=1.0, inputs={"x": np.zeros(1001)}, hold="linear")
 
 
 @mistake(DataError, "inputs must map names to signals, such as {'u': 1.0}, got [1.0].")

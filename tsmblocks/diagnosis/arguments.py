@@ -15,7 +15,7 @@ from tsmblocks.common.interpolation import Hold
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.model import ModelSettings
 from tsmblocks.effects import Effect, Relative, catalogue, relatives
-from tsmblocks.fitting.experiments import Window, compared, signal_of, span
+from tsmblocks.fitting.experiments import Window, compared, refuse_missing, signal_of, span
 from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import chosen, given_bounds
 from tsmblocks.fitting.recordings import Data, recordings, windows, with_adopted_units, without_units
@@ -84,6 +84,8 @@ def checked(
     diagram, adopted = with_adopted_units(as_diagram(diagram), records)
     inside = None if window is None else windows(window, records)
     measured = _measured(records, diagram, outputs, inside)
+    for record in records.values():
+        refuse_missing(record, diagram)
     patterns = None if effects is None else tuple(arguments.as_names("effects", effects, "backlash"))
     selected, seed = _selected(patterns), arguments.as_integer("seed", seed, 0)
     own = () if local is None else tuple(arguments.as_names("local", local, "offset.*"))

@@ -75,6 +75,9 @@ Chosen: catalogue blocks and real effects differ in form by about as much."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 
+MIN_FORM_ERROR_SHARE = 0.01
+"""The same for one that removes all of the remaining excess. Chosen: catalogue blocks never fit real effects better."""
+
 
 @attrs.frozen(eq=False)
 class SearchRound:
@@ -271,8 +274,10 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             first = share_of_rest >= MIN_EXCESS_SHARE and count == k - 1
             count = k if first or joint_share >= MIN_JOINT_SHARE else count
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
-            form_error = removed < MIN_SHARE_OF_REMOVED * (before - losses[k])
-            count = k if large or not form_error or share_of_rest >= MIN_JOINT_SHARE else count
+            all_removed = before - losses[k]
+            form_error = removed < MIN_SHARE_OF_REMOVED * all_removed
+            complete = share_of_rest >= MIN_JOINT_SHARE and removed >= MIN_FORM_ERROR_SHARE * all_removed
+            count = k if large or not form_error or complete else count
     return count
 
 

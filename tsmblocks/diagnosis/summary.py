@@ -35,8 +35,8 @@ from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.model.diagram import Diagram
 
 UNKNOWN_EXCESS = 0.2
-"""Excess over the largest noise that is plausible [noise variances] from which the verdict is "unknown", although
-nothing predicts the residual. Source: set on the prototype's development seeds."""
+"""Excess over a given noise floor, or over the largest noise that is plausible where nothing predicts the residual
+[noise variances], from which the verdict is "unknown". Source: set on the prototype's development seeds."""
 INPUT_NOISE_THRESHOLD = 1e-3
 """Variance caused by input noise [output noise variances] from which it is reported. Chosen: below three digits."""
 
@@ -86,8 +86,11 @@ class DiagnosedPart:
     @property
     def leaves_predictable(self) -> bool:
         """Whether what the last model leaves is predicted, and material beside the noise."""
+        noise = self.search.noise
+        if noise.is_given and self.losses[-1] <= (1 + UNKNOWN_EXCESS) * noise.low:
+            return False
         predicted = self.final.mean_square - self.left.rest
-        material = self.left.material and predicted >= MIN_PREDICTED_EXCESS * self.search.noise.low
+        material = self.left.material and predicted >= MIN_PREDICTED_EXCESS * noise.low
         return material or self.rejected_share > 0
 
     @property

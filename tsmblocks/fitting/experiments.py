@@ -185,7 +185,7 @@ def prepare(
     t, start, h = record.t[cut], times.start, times.h
     exact = (t - start) / h
     place = np.arange(cut.start, cut.stop) if even else np.minimum(exact.astype(int), times.steps - 1)
-    _refuse_missing(record, diagram)
+    refuse_missing(record, diagram)
     holds = resolved_holds(record, diagram.inports, hold, eq.orders)
     units = tuple(port.unit for port in diagram.inports.values())
     wanted = tuple((k, diagram.unit(k)) for k in outputs)
@@ -255,7 +255,7 @@ def _counted(record: Record, outputs: Sequence[str], cut: slice) -> np.ndarray |
     return 1.0 - np.stack(gone, axis=1)
 
 
-def _refuse_missing(record: Record, diagram: Diagram) -> None:
+def refuse_missing(record: Record, diagram: Diagram) -> None:
     """Raise DataError for an input of the diagram that was not recorded."""
     missing = [k for k in diagram.inports if k not in record]
     if missing:
@@ -271,7 +271,7 @@ def inputs(record: Record, diagram: Diagram, hold: Hold, until: float = -math.in
 
     Raises DataError for one that is not there.
     """
-    _refuse_missing(record, diagram)
+    refuse_missing(record, diagram)
     wanted, holds = diagram.inports, hold_of_each(hold, list(diagram.inports))
     own = grid_step(record.t)  # times kept with few digits: a held value must not come a step late
     t = record.t[0] + own * np.arange(len(record)) if lies_on_grid(record.t, own) else record.t
