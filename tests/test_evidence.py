@@ -122,6 +122,18 @@ def test_an_effect_is_determined_where_its_interval_excludes_none(kind):
     assert is_determined(fitted(real, twice), offset, {})  # nothing to compare with
 
 
+def test_a_harmonic_of_the_motion_is_no_disturbance_and_another_frequency_is():
+    t = np.arange(0.0, 60.0, STEP)
+    x = 20 * DEG * np.sin(2 * np.pi * 0.4 * t)
+    draw = np.random.default_rng(0)
+    for f, own in ((1.2, False), (1.37, True)):
+        y = 0.9 * x + 3 * SIGMA * np.sin(2 * np.pi * f * t + 0.4) + SIGMA * draw.standard_normal(len(t))
+        record = tsm.Record("sine", t, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
+        found = tsm.diagnose(tsm.load("tendon_sheath_linear"), record, effects=["periodic_disturbance", "jump"])
+        assert [e.name for e in found.effects] == ["periodic_disturbance"] * own
+        assert found.verdict == ("named" if own else "unknown")
+
+
 def test_slow_noise_is_none_and_says_what_would_tell():
     found = tsm.diagnose(tsm.load("tendon_sheath_linear"), recordings("slow", 3), effects=["backlash", "jump", "drift"])
     assert found.verdict == "none"

@@ -106,7 +106,7 @@ def test_a_floor_above_what_the_model_leaves_is_doubted():
 def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     """Whatever says so, noise that the model explains is none."""
     from tsmblocks.data import Noise
-    from tsmblocks.data import noise_floor as noise_module
+    from tsmblocks.diagnosis import noise_floor as noise_module
 
     fooled = Noise("x_out", "rad", 1.16 * DEG, None, "repeated periods", 1000, 900)
     monkeypatch.setattr(noise_module, "noise_over_recordings", lambda *_, **__: fooled)

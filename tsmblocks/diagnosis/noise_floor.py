@@ -34,13 +34,15 @@ class NoiseLevel:
     """Mean square of the noise [noise variances]: the least and the largest that are plausible.
 
     ``unpredicted`` is the mean square of the residual that nothing recorded predicts: the noise, and model errors that
-    are not functions of what was recorded. ``is_given`` is True where the user gave it.
+    are not functions of what was recorded. ``is_given`` is True where the user gave it,
+    ``from_inputs`` the part that noise of the inputs causes.
     """
 
     low: float
     high: float
     unpredicted: float
     is_given: bool = False
+    from_inputs: float = 0.0
 
     def largest(self, typical: float) -> float:
         """The largest mean square of noise that is plausible, with the loss ``typical`` in the median time block.
@@ -51,7 +53,14 @@ class NoiseLevel:
 
     def attained(self, loss: float, typical: float) -> float:
         """The mean square of the noise by what is not predicted, or a model with these losses leaves."""
-        return float(np.clip(min(self.unpredicted, loss), self.low, self.largest(typical)))
+        return float(np.clip(min(self.unpredicted, loss), self.least(loss), self.largest(typical)))
+
+    def least(self, loss: float) -> float:
+        """The least mean square of noise that is plausible beside a model with this loss.
+
+        An estimated floor may hold what an effect does, such as a disturbance that differs from period to period.
+        """
+        return self.low if self.is_given else min(self.low, loss + self.from_inputs)
 
 
 @attrs.frozen
@@ -97,7 +106,7 @@ def noise_level(floors: NoiseFloors, input_noise: float, unpredicted: float) -> 
     low, high = 1 + input_noise, float(np.mean(ratios)) + input_noise
     if not floors.is_given:
         low = min(low, unpredicted)
-    return NoiseLevel(low, high, unpredicted, floors.is_given)
+    return NoiseLevel(low, high, unpredicted, floors.is_given, input_noise)
 
 
 def noise_floors(

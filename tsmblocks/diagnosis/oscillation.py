@@ -1,0 +1,41 @@
+"""Oscillations at a harmonic of the motion: no disturbance with a frequency of its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from tsmblocks.diagnosis.candidates import Candidate
+    from tsmblocks.diagnosis.model import Model
+
+MAX_HARMONIC = 8
+"""Harmonics of the motion that are looked at. Chosen: higher ones of friction and gaps are below a hundredth."""
+MIN_LINE_SHARE = 0.1
+"""Share of an input's variance at one frequency from which that is a frequency of the motion. Chosen."""
+
+
+def follows_motion(model: Model, candidate: Candidate) -> bool:
+    """Whether the fitted frequency of an effect is a harmonic of a frequency of the motion.
+
+    A model error that is a function of the motion has these frequencies. An oscillation of the time explains it as
+    well as long as the motion keeps its phase, and not in another recording.
+    """
+    unknowns = zip(model.problem.unknowns.items, model.theta, strict=True)
+    own = [v for item, v in unknowns if item.parameter in candidate.free and item.parameter.endswith(".frequency")]
+    lines = [f / k for f in own for k in range(1, MAX_HARMONIC + 1)]
+    return any(_line_share(model, name, line) > MIN_LINE_SHARE for line in lines for name in model.diagram.inputs)
+
+
+def _line_share(model: Model, name: str, frequency: float) -> float:
+    """The share of an input's variance at one frequency [Hz], over all experiments."""
+    explained = total = 0.0
+    for experiment in model.setup.experiments:
+        t, x = experiment.record.t, experiment.record[name]
+        x = x - x.mean()
+        columns = np.stack([np.cos(2 * np.pi * frequency * t), np.sin(2 * np.pi * frequency * t)], axis=1)
+        fit = columns @ np.linalg.lstsq(columns - columns.mean(axis=0), x, rcond=None)[0]
+        explained += float(np.sum(x**2) - np.sum((x - fit + fit.mean()) ** 2))
+        total += float(np.sum(x**2))
+    return explained / total if total > 0 else 0.0
