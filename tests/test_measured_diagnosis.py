@@ -125,5 +125,5 @@ def test_a_cubic_spring_is_named_first_and_foretells_the_arrow(oscillator):
     first = found["found"].effects[0]
     assert (first.name, first.words) == ("odd_nonlinearity", "a cubic spring")
     before, after = numbers(re.search(r"arrow(.*)\(", said)[1])
-    assert before == pytest.approx(14.18, abs=0.05)
+    assert before == pytest.approx(14.2, abs=0.1)
     assert after < 0.45  # published: 2.4 to 2.8 mV

@@ -194,7 +194,7 @@ def decide(
     indistinguishable = [
         one for one in eligible if _is_indistinguishable(one, best, blocks, tolerance, concentrated_size)
     ]
-    close = [one for one in indistinguishable if before - one.loss >= SIMPLER_EFFECT_SHARE * removed]
+    close = [one for one in indistinguishable if one.tenable and before - one.loss >= SIMPLER_EFFECT_SHARE * removed]
     named = _simplest(min(close, key=lambda one: (one.parameter_count, one.loss)), ranking, before)
     special_case = named not in indistinguishable  # a more general form of it with the same loss adds nothing
     others = [
@@ -219,6 +219,7 @@ def _simplest(named: FittedCandidate, ranking: Sequence[FittedCandidate], before
         for one in ranking
         if one.candidate.effect.name in named.candidate.effect.contains
         and not one.disqualifying_bounds
+        and one.tenable
         and before - one.loss >= SIMPLER_EFFECT_SHARE * (before - named.loss)
     ]
     return special[0] if special else named
