@@ -155,20 +155,11 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
         tenable = gain > limits[is_of_time(score.candidate)] and not follows_motion(m, score.candidate)
         fitted.append(fitted_candidate(score.candidate, m, search.blocks, shrinkage, tenable))
     losses = held_out_losses(model, search.blocks, shrinkage)
-    verdict = _decided(losses[0], fitted, search)
-    while verdict.named is not None and not _is_determined(verdict.named, verdict.named.model):
-        fitted = [attrs.evolve(one, tenable=False) if one is verdict.named else one for one in fitted]
-        verdict = _decided(losses[0], fitted, search)
-    other = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
-    if other.named is not None and _is_determined(other.named, other.named.model):
-        verdict = other
-    return SearchRound(model, *losses, tuple(scores), verdict)
-
-
-def _decided(losses: np.ndarray, fitted: Sequence[FittedCandidate], search: SearchContext) -> Verdict:
-    """The verdict on candidates: the noise is no larger than the loss that the best of them leaves."""
     best = min((one.loss for one in fitted if one.tenable and np.isfinite(one.loss)), default=np.inf)
-    return decide(losses, fitted, search.blocks, search.noise.least(best), search.settings.seed)
+    noise_variance = search.noise.least(best)  # it is no larger than what the best candidate leaves
+    verdict = decide(losses[0], fitted, search.blocks, noise_variance, search.settings.seed)
+    verdict = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
+    return SearchRound(model, *losses, tuple(scores), verdict)
 
 
 def _is_determined(one: FittedCandidate, model: Model) -> bool:
