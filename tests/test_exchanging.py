@@ -46,6 +46,7 @@ class Table:
             ranking=(),
             t=(),
             critical_value=0.0,
+            significance=np.inf,
             out_of_bounds_loss=self.out_of_bounds_loss.get(model, float("inf")),
         )
         return SearchRound(model, np.array([self.loss(model)]), np.array([0.0]), (), verdict)

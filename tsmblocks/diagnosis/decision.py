@@ -164,6 +164,12 @@ class Verdict:
     indistinguishable: tuple[FittedCandidate, ...] = ()
     out_of_bounds_loss: float = np.inf
 
+    @property
+    def significance(self) -> float:
+        """The t-statistic of the named candidate over the critical value; infinite where it is not known."""
+        known = [t for one, t in zip(self.ranking, self.t, strict=False) if one is self.named]
+        return known[0] / self.critical_value if known and self.critical_value > 0 else np.inf
+
 
 def decide(
     base: np.ndarray, candidates: Sequence[FittedCandidate], blocks: TimeBlocks, noise_variance: float, seed: int

@@ -76,8 +76,9 @@ Chosen: catalogue blocks and real effects differ in form by about as much."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 
-MIN_FORM_ERROR_SHARE = 0.01
-"""The same for one that removes all of the remaining excess. Chosen: catalogue blocks never fit real effects better."""
+CLEAR_SIGNIFICANCE = 2.0
+"""t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
+Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
 
 
 @attrs.frozen(eq=False)
@@ -274,7 +275,7 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
             all_removed = before - losses[k]
             form_error = removed < MIN_SHARE_OF_REMOVED * all_removed
-            complete = share_of_rest >= MIN_JOINT_SHARE and removed >= MIN_FORM_ERROR_SHARE * all_removed
+            complete = share_of_rest >= MIN_JOINT_SHARE and rounds[k - 1].verdict.significance >= CLEAR_SIGNIFICANCE
             count = k if large or not form_error or complete else count
     return count
 

@@ -14,6 +14,8 @@ MAX_HARMONIC = 8
 """Harmonics of the motion that are looked at. Chosen: higher ones of friction and gaps are below a hundredth."""
 MIN_LINE_SHARE = 0.1
 """Share of an input's variance at one frequency from which that is a frequency of the motion. Chosen."""
+FREQUENCIES = 41
+"""Frequencies at which a line of the motion is looked for, over twice the resolution. Chosen: a twentieth of it."""
 
 
 def follows_motion(model: Model, candidate: Candidate) -> bool:
@@ -24,8 +26,18 @@ def follows_motion(model: Model, candidate: Candidate) -> bool:
     """
     unknowns = zip(model.problem.unknowns.items, model.theta, strict=True)
     own = [v for item, v in unknowns if item.parameter in candidate.free and item.parameter.endswith(".frequency")]
-    lines = [f / k for f in own for k in range(1, MAX_HARMONIC + 1)]
-    return any(_line_share(model, name, line) > MIN_LINE_SHARE for line in lines for name in model.diagram.inputs)
+    harmonics = range(1, MAX_HARMONIC + 1)
+    return any(_is_harmonic(model, name, f, k) for f in own for k in harmonics for name in model.diagram.inputs)
+
+
+def _is_harmonic(model: Model, name: str, frequency: float, k: int) -> bool:
+    """Whether a frequency [Hz] is ``k`` times one of an input, within the resolution of the recordings."""
+    if not _line_share(model, name, frequency / k) > MIN_LINE_SHARE:
+        return False
+    resolution = 1 / max(float(np.ptp(one.record.t)) for one in model.setup.experiments)
+    near = frequency / k + resolution * np.linspace(-1, 1, FREQUENCIES)
+    line = near[int(np.argmax([_line_share(model, name, f) for f in near]))]
+    return bool(abs(frequency - k * line) <= resolution / 2)
 
 
 def _line_share(model: Model, name: str, frequency: float) -> float:
