@@ -422,6 +422,11 @@ def a_hold_of_nothing():
     fit(hold=None)
 
 
+@mistake(RunError, "integrator must be a text, got 4.")
+def an_integrator_that_is_a_number():
+    fit(integrator=4)
+
+
 @mistake(RunError, "iterations must be a whole number of at least 0, got 'many'.")
 def a_limit_in_words():
     fit(iterations="many")
