@@ -233,11 +233,10 @@ def _diagnosed(
             raise
         count = accepted_count(rounds, search)
         last = rounds[count].base
-        return DiagnosedPart(
-            part, search, floors, rounds, count, last, predicted, evidence(last, search.settings.seed)
-        ), True
+        left = predicted if last is base else evidence(last, search.settings.seed)
+        return DiagnosedPart(part, search, floors, rounds, count, last, predicted, left), True
     notes += [f"{part.name}: {text}" for text in [*limit_notes(final), *more_notes]]
-    left = evidence(final, search.settings.seed)
+    left = predicted if final is base else evidence(final, search.settings.seed)
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left), False
 
 

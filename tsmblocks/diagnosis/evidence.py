@@ -5,13 +5,15 @@ A model error comes back where the motion comes back; noise does not, whatever i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import attrs
 import numpy as np
 
+from tsmblocks.diagnosis.candidates import REST_HALF_RANGE
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.surrogates import FOLDS, rolled, rows_of_experiments, stretches_of
+from tsmblocks.diagnosis.partition import rows_of_experiments
+from tsmblocks.diagnosis.surrogates import FOLDS, rolled, stretches_of
 
 DRAWS = 199
 """Surrogates of the residual. Chosen: the 99 % quantile is the second largest."""
@@ -36,10 +38,11 @@ RIPPLE_PERIOD = 1.3
 """Longest period of a ripple [half ranges]. Chosen: incommensurate with the range."""
 DIRECTION_STEEPNESS = 10.0
 """Steepness of the change of direction [1 / rms speed]. Chosen: resolved at usual sampling."""
-MIN_HALF_RANGE = 1e-12
-"""Half range of a signal, in its unit, up to which it is at rest. Chosen: rounding."""
 SAME_SIGNAL = 0.9999
 """Correlation from which two signals are one for this purpose. Chosen."""
+
+Motions = Mapping[str, Sequence[np.ndarray]]
+"""Signals that the features are made of: an array for each experiment, pieces joined."""
 
 
 @attrs.frozen
@@ -48,14 +51,13 @@ class Evidence:
 
     ``share`` is the share of the mean square that is predicted (below zero: none), ``critical`` the share that is
     exceeded with noise alone with a probability of 1 %, ``p`` the share of surrogates that reach ``share``. ``rest`` is
-    the mean square that is not predicted, ``by_output`` the share of each output.
+    the mean square that is not predicted.
     """
 
     share: float
     critical: float
     p: float
     rest: float
-    by_output: tuple[float, ...]
 
     @property
     def significant(self) -> bool:
@@ -75,8 +77,8 @@ def evidence(model: Model, seed: int) -> Evidence:
     predicted is held against that of surrogates of the residual.
     """
     draw = np.random.default_rng(seed)
-    kinds = _kinds(model)
-    every = [_regression(model, output, kinds, draw) for output in range(len(model.setup.outputs))]
+    motions = _distinct(_motions(model))
+    every = [_regression(model, output, motions, draw) for output in range(len(model.setup.outputs))]
     total = np.sum([squares for _, squares in every], axis=0)
     rest = np.sum([error for error, _ in every], axis=0)
     share = 1 - rest / np.maximum(total, 1e-300)
@@ -86,22 +88,19 @@ def evidence(model: Model, seed: int) -> Evidence:
         float(np.quantile(null, 1 - SIGNIFICANCE_LEVEL)),
         float((1 + np.sum(null >= found)) / (len(null) + 1)),
         float(rest[0] / len(model.r)) if found > 0 else model.mean_square,
-        tuple(float(1 - error[0] / max(squares[0], 1e-300)) for error, squares in every),
     )
 
 
 def _regression(
-    model: Model, output: int, kinds: np.ndarray, draw: np.random.Generator
+    model: Model, output: int, motions: Motions, draw: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Squared error and sum of squares, each (1 + draws,), of one output's residual and of its surrogates."""
-    groups = rows_of_experiments(model, output)
-    cuts = stretches_of([len(rows) for rows in groups])
-    gram: np.ndarray | None = None
-    for k, (rows, own, columns) in enumerate(zip(groups, cuts, _features(model), strict=True)):
-        z = np.column_stack([columns, np.ones(len(rows))])
-        if gram is None:
-            gram, moment = np.zeros((FOLDS, z.shape[1], z.shape[1])), np.zeros((FOLDS, z.shape[1], 1 + DRAWS))
-            squares = np.zeros(1 + DRAWS)
+    groups, kinds = list(rows_of_experiments(model, output).values()), _kinds(motions)
+    cuts, count = stretches_of([len(rows) for rows in groups]), len(kinds) + 1
+    gram, moment = np.zeros((FOLDS, count, count)), np.zeros((FOLDS, count, 1 + DRAWS))
+    squares = np.zeros(1 + DRAWS)
+    for k, (rows, own, columns) in enumerate(zip(groups, cuts, _features(model, motions), strict=True)):
+        z = np.column_stack([*columns, np.ones(len(rows))])
         for j, part in enumerate(own):
             r = model.r[rows[part]]
             both = np.column_stack([r, rolled(r, DRAWS, draw)])
@@ -109,10 +108,9 @@ def _regression(
             gram[fold] += z[part].T @ z[part]
             moment[fold] += z[part].T @ both
             squares += np.einsum("ij,ij->j", both, both)
-    if gram is None or gram.shape[1] == 1:  # nothing moves
+    if not len(kinds):  # nothing moves
         return squares, squares
-    constant = gram.shape[1] - 1
-    sets = [np.arange(constant + 1), *(np.append(np.flatnonzero(kinds == k), constant) for k in range(len(KINDS)))]
+    sets = [np.arange(count), *(np.append(np.flatnonzero(kinds == k), count - 1) for k in range(len(KINDS)))]
     errors = [_held_out_error(gram[:, own][:, :, own], moment[:, own], squares) for own in sets]
     return np.min(errors, axis=0), squares
 
@@ -147,37 +145,34 @@ def _held_out_error(gram: np.ndarray, moment: np.ndarray, squares: np.ndarray) -
 # ---- features -------------------------------------------------------------------------------------
 
 
-def _features(model: Model) -> Iterator[np.ndarray]:
-    """Features of the motion, an array (n, p) for each experiment, pieces joined; all have the same columns."""
-    motions = _distinct_motions(model)
+def _features(model: Model, motions: Motions) -> Iterator[list[np.ndarray]]:
+    """Features of the motions, a list of columns (n,) for each experiment, the same ones in each."""
     scales = {name: _scale(values) for name, values in motions.items()}
-    rows = rows_of_experiments(model, 0)
     for k, t in enumerate(_joined([one.t for one in model.setup.experiments], model)):
         signals = [_of_signal(t, values[k], *scales[name]) for name, values in motions.items()]
-        columns = [one for signal in signals for kind in signal for one in kind]
-        yield np.array(columns).T if columns else np.empty((len(rows[k]), 0))
+        yield [one for signal in signals for kind in signal for one in kind]
 
 
-def _kinds(model: Model) -> np.ndarray:
+def _kinds(motions: Motions) -> np.ndarray:
     """The kind of each feature, shape (p,)."""
     some = np.linspace(0.0, 1.0, 8)
     of_signal = [k for k, kind in enumerate(_of_signal(some, some, 0.5, 0.5)) for _ in kind]
-    return np.array(of_signal * len(_distinct_motions(model)), dtype=int)
+    return np.array(of_signal * len(motions), dtype=int)
 
 
-def _distinct_motions(model: Model) -> dict[str, list[np.ndarray]]:
-    """The motions that move, and are not proportional to one before them."""
-    motions, chosen = _motions(model), dict[str, list[np.ndarray]]()
+def _distinct(motions: Motions) -> Motions:
+    """The signals that move, and are not proportional to one before them."""
+    chosen: dict[str, Sequence[np.ndarray]] = {}
     for name, values in motions.items():
         joined = np.concatenate(values)
         others = (np.concatenate(other) for other in chosen.values())
-        if np.ptp(joined) > 2 * MIN_HALF_RANGE and not any(_same(joined, other) for other in others):
+        if np.ptp(joined) > 2 * REST_HALF_RANGE and not any(_same(joined, other) for other in others):
             chosen[name] = values
     return chosen
 
 
-def _motions(model: Model) -> dict[str, list[np.ndarray]]:
-    """Inputs and simulated outputs, an array for each experiment."""
+def _motions(model: Model) -> Motions:
+    """Inputs and simulated outputs."""
     result: dict[str, list[np.ndarray]] = {}
     for name in model.diagram.inputs:
         unit = model.diagram.unit(name)
@@ -192,18 +187,15 @@ def _motions(model: Model) -> dict[str, list[np.ndarray]]:
 
 def _joined(values: list[np.ndarray], model: Model) -> list[np.ndarray]:
     """Arrays of pieces joined to those of experiments."""
-    joined, result, first = np.concatenate(values), [], 0
-    for rows in rows_of_experiments(model, 0):
-        result.append(joined[first : first + len(rows)])
-        first += len(rows)
-    return result
+    lengths = [len(rows) for rows in rows_of_experiments(model, 0).values()]
+    return np.split(np.concatenate(values), np.cumsum(lengths)[:-1])
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
     return abs(float(np.corrcoef(one, other)[0, 1])) > SAME_SIGNAL
 
 
-def _scale(values: list[np.ndarray]) -> tuple[float, float]:
+def _scale(values: Sequence[np.ndarray]) -> tuple[float, float]:
     """Middle and half range of a signal over all experiments."""
     low, high = min(float(x.min()) for x in values), max(float(x.max()) for x in values)
     return (low + high) / 2, (high - low) / 2

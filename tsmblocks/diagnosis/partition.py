@@ -11,7 +11,7 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.insertion_points import InsertionPoint
-from tsmblocks.diagnosis.model import ModelSettings, pose_model
+from tsmblocks.diagnosis.model import Model, ModelSettings, pose_model
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.wires import Link
@@ -181,3 +181,11 @@ def split_into_pieces(records: Mapping[str, Record], delay: float = 0.0) -> tupl
 def experiment_of(name: str) -> str:
     """The experiment of a piece."""
     return name.rpartition(PIECE_SEPARATOR)[0] or name
+
+
+def rows_of_experiments(model: Model, output: int) -> dict[str, np.ndarray]:
+    """The rows of one output in the residual by experiment; pieces of an experiment are joined."""
+    count, groups = len(model.setup.outputs), dict[str, list[np.ndarray]]()
+    for experiment, part in zip(model.setup.experiments, model.problem.segments[output::count], strict=True):
+        groups.setdefault(experiment_of(experiment.name), []).append(np.arange(part.start, part.stop))
+    return {name: np.concatenate(rows) for name, rows in groups.items()}

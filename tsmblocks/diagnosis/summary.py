@@ -23,7 +23,7 @@ from tsmblocks.diagnosis.forward_selection import (
 )
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import NoiseFloors
-from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram
+from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram, rows_of_experiments
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
 from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
@@ -219,14 +219,12 @@ def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quan
 def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
     """The error of one output before and after each effect, fitted and held out."""
     base = diagnosed.models[0]
-    name, problem = base.setup.outputs[i], base.problem
-    sigma, count = diagnosed.floors.sigma[name], len(base.setup.outputs)
-    rows, groups = problem.segments[i::count], dict[str, list[slice]]()
-    for experiment, row in zip(problem.experiments, rows, strict=True):
-        groups.setdefault(experiment_of(experiment.name), []).append(row)
+    name = base.setup.outputs[i]
+    sigma, groups = diagnosed.floors.sigma[name], rows_of_experiments(base, i)
+    rows = np.concatenate(list(groups.values()))
 
-    def rms(r: np.ndarray, some: Sequence[slice]) -> float:
-        return sigma * float(np.sqrt(np.mean(np.concatenate([r[row] for row in some]) ** 2)))
+    def rms(r: np.ndarray, some: np.ndarray) -> float:
+        return sigma * float(np.sqrt(np.mean(r[some] ** 2)))
 
     given = diagnosed.floors.given.get(name, "")
     if given:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.partition import experiment_of
+from tsmblocks.diagnosis.partition import rows_of_experiments
 from tsmblocks.fitting.column_space import ColumnSpace
 
 MIN_STRETCHES = 20
@@ -20,18 +20,8 @@ MIN_STRETCHES = 20
 FOLDS = 5
 """Groups of stretches that are held out in turn. Source: Hastie et al., The Elements of Statistical Learning (2009),
 7.10: five or ten."""
-
 COLUMNS_AT_A_TIME = 16
 """Surrogates projected at a time. Chosen: for memory."""
-
-
-def rows_of_experiments(model: Model, output: int) -> list[np.ndarray]:
-    """The rows of one output in the residual, an array for each experiment; pieces of an experiment are joined."""
-    count, experiments = len(model.setup.outputs), model.setup.experiments
-    groups: dict[str, list[np.ndarray]] = {}
-    for experiment, part in zip(experiments, model.problem.segments[output::count], strict=True):
-        groups.setdefault(experiment_of(experiment.name), []).append(np.arange(part.start, part.stop))
-    return [np.concatenate(rows) for rows in groups.values()]
 
 
 def stretches_of(lengths: Sequence[int]) -> list[list[slice]]:
@@ -76,7 +66,7 @@ def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_tim
     """
     draw, result = np.random.default_rng(seed), np.empty((len(model.r), draws), dtype=np.float32)
     for output in range(len(model.setup.outputs)):
-        groups = rows_of_experiments(model, output)
+        groups = list(rows_of_experiments(model, output).values())
         cuts = stretches_of([len(rows) for rows in groups])
         for rows, own in zip(groups, cuts, strict=True):
             if of_time:
