@@ -42,8 +42,8 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
         " ".join(sentences),
         tuple(e for s in segments for e in s.effects),
         segments,
-        _whole_diagram(request, parts, with_effects=False),
-        _whole_diagram(request, parts, with_effects=True),
+        _whole_diagram(diagram, request, parts, with_effects=False),
+        _whole_diagram(diagram, request, parts, with_effects=True),
         None if isinstance(control, str) else control,
         tuple(dict.fromkeys(notes)),
         "interrupted" if interrupted else "done",
@@ -60,10 +60,11 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
     )
 
 
-def _whole_diagram(request: Request, parts: Sequence[DiagnosedPart], *, with_effects: bool) -> Diagram:
+def _whole_diagram(
+    diagram: Diagram, request: Request, parts: Sequence[DiagnosedPart], *, with_effects: bool
+) -> Diagram:
     """The whole diagram with the fitted parameters, and with the blocks of the named effects."""
-    diagram = request.diagram
-    result = with_initial_values(diagram) if request.settings.start_states else diagram
+    result = diagram
     for diagnosed in parts:
         last = diagnosed.models[-1 if with_effects else 0]
         for one in diagnosed.named if with_effects else ():

@@ -65,8 +65,8 @@ class FittedCandidate:
     """A candidate fitted together with the base, and its held-out losses [noise variances].
 
     ``losses`` (B,) are the held-out losses by time blocks, ``experiment_losses`` (B,) those with whole experiments held
-    out; ``loss`` is the mean of ``losses`` over all samples. ``tenable`` is False where noise with
-    the spectrum of the residual would let the best candidate remove as much, or the data do not determine the effect.
+    out; ``loss`` is the mean of ``losses`` over all samples. ``tenable`` is False where
+    noise with the spectrum of the residual would let the best candidate remove as much, or it follows the motion.
     """
 
     candidate: Candidate

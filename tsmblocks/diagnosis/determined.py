@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.model import Model
 from tsmblocks.fitting.statistics import uncertainty
-
-if TYPE_CHECKING:
-    from tsmblocks.diagnosis.candidates import Candidate
-    from tsmblocks.diagnosis.model import Model
 
 SIGNIFICANCE_LEVEL = 0.05
 """Probability that an effect of size zero is taken for determined. Chosen: that of the intervals that are reported."""

@@ -44,6 +44,7 @@ from tsmblocks.diagnosis.partition import (
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.summary import DiagnosedPart
+from tsmblocks.diagnosis.time_and_distance import only_frequency
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.fitting.recordings import Data
 from tsmblocks.model.diagram import Diagram
@@ -223,7 +224,9 @@ def _diagnosed(
         inputs = tuple(part.diagram.inputs) if request.condition else ()
         input_noise, predicted = propagated_input_noise(base, raw, inputs, settings.seed), evidence(base, settings.seed)
         noise = noise_level(floors, input_noise, predicted.rest)
-        search = SearchContext(records, settings, request.effects, time_blocks(base.problem), noise, progress)
+        driven = [k for k in next(iter(records.values())).units if k not in settings.outputs]
+        blocks, line = time_blocks(base.problem), only_frequency(records, driven)
+        search = SearchContext(records, settings, request.effects, blocks, noise, progress, line)
         forward_search(base, {}, search, rounds)
         rounds = without_undetermined(exchange_effects(rounds, search), search)
         count = accepted_count(rounds, search)

@@ -41,7 +41,7 @@ from tsmblocks.diagnosis.oscillation import follows_motion
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, ScreeningScore, screening_score
 from tsmblocks.diagnosis.surrogates import surrogates
-from tsmblocks.diagnosis.time_and_distance import only_frequency, with_distances_first
+from tsmblocks.diagnosis.time_and_distance import with_distances_first
 from tsmblocks.effects import Effect, Relative, Replacement
 from tsmblocks.fitting.column_space import column_space
 
@@ -71,11 +71,8 @@ Calibrated on tests/benchmarks/hidden.py."""
 MIN_SHARE_OF_REMOVED = 0.15
 """Share of all that was removed below which a further effect is taken for an error of form of the effects before.
 Chosen: catalogue blocks and real effects differ in form by about as much."""
-
-
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
-
 CLEAR_SIGNIFICANCE = 2.0
 """t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
 Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
@@ -113,7 +110,8 @@ class SearchRound:
 class SearchContext:
     """What all rounds share: recordings, model settings, effects, time blocks, noise.
 
-    ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback.
+    ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback. ``only_frequency``
+    is the one frequency [Hz] of all recordings, None where there are several.
     """
 
     records: Mapping[str, Record]
@@ -122,17 +120,12 @@ class SearchContext:
     blocks: TimeBlocks
     noise: NoiseLevel
     progress: ProgressCallback
+    only_frequency: float | None = None
 
     @property
     def noise_variance(self) -> float:
         """Mean square of the noise, in the variances that residuals are counted in: the least that is plausible."""
         return self.noise.low
-
-    @property
-    def only_frequency(self) -> float | None:
-        """The one frequency [Hz] of all recordings, None where there are several."""
-        first = next(iter(self.records.values()))
-        return only_frequency(self.records, [k for k in first.units if k not in self.settings.outputs])
 
 
 def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:

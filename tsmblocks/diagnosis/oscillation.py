@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from tsmblocks.diagnosis.candidates import Candidate
-    from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.model import Model
 
 MAX_HARMONIC = 8
 """Harmonics of the motion that are looked at. Chosen: higher ones of friction and gaps are below a hundredth."""
@@ -47,7 +44,8 @@ def _line_share(model: Model, name: str, frequency: float) -> float:
         t, x = experiment.record.t, experiment.record[name]
         x = x - x.mean()
         columns = np.stack([np.cos(2 * np.pi * frequency * t), np.sin(2 * np.pi * frequency * t)], axis=1)
-        fit = columns @ np.linalg.lstsq(columns - columns.mean(axis=0), x, rcond=None)[0]
-        explained += float(np.sum(x**2) - np.sum((x - fit + fit.mean()) ** 2))
-        total += float(np.sum(x**2))
+        columns -= columns.mean(axis=0)
+        rest = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]
+        explained += float(x @ x - rest @ rest)
+        total += float(x @ x)
     return explained / total if total > 0 else 0.0

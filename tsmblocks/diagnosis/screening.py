@@ -85,7 +85,7 @@ class _ShapeTrial:
     ``output_change`` (N,) is the change of the outputs, ``sensitivity`` its sum of squares at the trial size with base
     parameters projected out. ``exceeds_range`` is True where the trial size moves an output beyond its recorded range,
     as a loop does that diverges. ``theta_base_fixed`` are the unknowns with the base parameters unchanged;
-    ``noise_gains`` (D,) the gains in surrogates of the residual.
+    ``noise_gains`` (D,) the gains in surrogates of the residual, where these were given.
     """
 
     gain: float
@@ -95,7 +95,7 @@ class _ShapeTrial:
     sensitivity: float
     exceeds_range: bool
     theta_base_fixed: np.ndarray
-    noise_gains: np.ndarray
+    noise_gains: np.ndarray = attrs.field(factory=lambda: np.zeros(0))
 
 
 def screening_score(
@@ -178,8 +178,10 @@ class _Screening:
             mine = slice(k * len(single), (k + 1) * len(single))
             whole = product(wide[mine], changes[:, mine])
             m = whole - inside[:, mine].T @ inside[:, mine]
-            gains = np.zeros(0) if by_noise is None else self._noise_gains(by_noise[:, mine], m, np.diag(whole))
-            results.append(self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine], gains))
+            trial = self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine])
+            if by_noise is not None:
+                trial = attrs.evolve(trial, noise_gains=self._noise_gains(by_noise[:, mine], m, np.diag(whole)))
+            results.append(trial)
         return results
 
     def _noise_gains(self, g: np.ndarray, m: np.ndarray, whole: np.ndarray) -> np.ndarray:
@@ -213,13 +215,7 @@ class _Screening:
         return results
 
     def _sized(
-        self,
-        shape: Mapping[str, float],
-        z: np.ndarray,
-        g: np.ndarray,
-        m: np.ndarray,
-        inside: np.ndarray,
-        noise_gains: np.ndarray,
+        self, shape: Mapping[str, float], z: np.ndarray, g: np.ndarray, m: np.ndarray, inside: np.ndarray
     ) -> _ShapeTrial:
         """A shape with the sizes of its strengths at the minimum of the sum of squares.
 
@@ -242,7 +238,7 @@ class _Screening:
             gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, MAX_EXTRAPOLATION)))
         theta = np.clip(theta, unknowns.low, unknowns.high)
         exceeds_range = bool(np.abs(z[:, 0]).max(initial=0.0) > self.output_range)
-        return _ShapeTrial(gain, theta, shape, z @ size, float(m[0, 0]), exceeds_range, base_fixed, noise_gains)
+        return _ShapeTrial(gain, theta, shape, z @ size, float(m[0, 0]), exceeds_range, base_fixed)
 
     def _sizes(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
         """Factors on the trial sizes, within bounds."""
