@@ -15,7 +15,7 @@ T = np.arange(0, 6, 0.02)
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Two recordings of a play with an offset of its own in each; the columns have other names."""
+    """Two recordings of a play, each with another offset; the columns have other names."""
     monkeypatch.chdir(tmp_path)
     x, rng = np.sin(2 * T) + 0.4 * np.sin(5.3 * T), np.random.default_rng(1)
     model = tsm.load("tendon_sheath_linear").insert("slack", tsm.blocks.Play(half_width=0.1), before="offset")

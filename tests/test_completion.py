@@ -11,10 +11,11 @@ import shtab
 import tsmblocks.blocks  # noqa: F401 - importing it registers every block
 from tsmblocks.cli import common, completion, main
 from tsmblocks.cli.entry import COMMANDS, parsers
-from tsmblocks.common.interpolation import AUTO, HOLDS
+from tsmblocks.common.interpolation import HOLD_WORDS
 from tsmblocks.engine.methods import METHODS
 from tsmblocks.files.shipped import shipped_names
 from tsmblocks.fitting import fit as estimate
+from tsmblocks.model import simulation
 from tsmblocks.model.block import REGISTRY
 
 needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
@@ -103,7 +104,8 @@ def test_an_option_that_takes_several_goes_on_until_the_next(offered):
 def test_what_is_offered_is_what_is_known():
     assert set(completion.NAMES) <= set(shtab.SUPPORTED_SHELLS)
     assert tuple(METHODS) == common.METHODS
-    assert (AUTO, *HOLDS) == common.HOLDS
+    assert set(METHODS) == set(simulation.METHODS)
+    assert HOLD_WORDS == common.HOLDS
     assert estimate.METHODS == common.FITS
 
 

@@ -100,7 +100,7 @@ def test_directions_without_effect_are_those_of_the_whole_matrix(seed):
 @pytest.mark.parametrize("case", ["plain", "null directions", "bounds", "constraint", "prior", "long"])
 def test_intervals_are_those_of_the_whole_matrix(seed, case):
     J, r, segments = with_null_directions(seed) if case == "null directions" else arrowhead(seed)
-    if case == "long":  # every segment has a noise model of its own
+    if case == "long":  # a separate noise model for every segment
         J, r, segments = arrowhead(seed, experiments=3, own=1, samples=300, outputs=1)
     n = J.shape[1]
     more = {

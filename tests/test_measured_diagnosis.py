@@ -82,13 +82,13 @@ def test_a_gap_is_named_first_on_every_bend_and_foretells_the_second_cycle(sheat
         assert later[1] < 1.25 < 7.0 < later[0]
 
 
-def test_the_model_of_the_paper_lacks_a_gap_or_several(sheath):
-    """Memory of earlier reversals is a sum of gaps."""
+def test_the_model_of_the_paper_lacks_a_gap_or_several(sheath, request):
+    """Memory of earlier reversals is a sum of gaps; at 120 deg the width of a single one is not determined."""
     found = rows(sheath, "tendon_sheath_asymmetric")
-    # At 120 deg the width of one gap is not determined beside the model's own parameters; another loop's is.
-    assert [bend for bend, _, _, _ in found] in ([0], [0, 120])
-    for _, (before, after, held_before, held_after), names, also in found:
-        assert {"backlash", "hysteresis", "nonlocal_memory"} & {*names, *also.split(", ")}
+    whole = request.node.callspec.params["sheath"] is None
+    assert [bend for bend, _, _, _ in found] == ([0, 120] if whole else [0])
+    for bend, (before, after, held_before, held_after), names, _ in found:
+        assert names[0] == {0: "backlash", 120: "hysteresis"}[bend]
         assert after < before / 2
         assert held_after < held_before / 2
 
@@ -126,5 +126,5 @@ def test_a_cubic_spring_is_named_first_and_foretells_the_arrow(oscillator):
     first = found["found"].effects[0]
     assert (first.name, first.words) == ("odd_nonlinearity", "a cubic spring")
     before, after = numbers(re.search(r"arrow(.*)\(", said)[1])
-    assert before == pytest.approx(14.2, abs=0.1)
+    assert before == pytest.approx(14.18, abs=0.05)
     assert after < 0.45  # published: 2.4 to 2.8 mV

@@ -45,7 +45,7 @@ def test_a_record_knows_which_samples_were_interpolated(record):
 
 @pytest.mark.parametrize("method", ["gauss-newton", "ipopt", "ga"])
 def test_a_fit_is_that_of_the_measured_samples(record, method):
-    """The missing samples, whatever stands in their place, change nothing."""
+    """The values in place of missing samples change nothing."""
     record, y = record
     wild = tsm.Record("run", T, {"u": record["u"], "y": np.where(GONE, 1e3, y)}, {}, filled={"y": GONE})
     options = dict(free=["lag.gain", "lag.time_constant"], method=method, starts=1)

@@ -41,7 +41,7 @@ IDS = [f"{r.of.__name__} {r.variant}" for r in relatives()]
 
 
 def bench(kind):
-    """A diagram with a block of this kind: friction behind a rate, anything else by itself."""
+    """A diagram with a block of this kind: friction behind a rate, any other block alone."""
     block = kind(low=-0.6, high=0.6) if kind is b.Saturation else kind()
     port = next(iter(block.inports))
     if port == "x" or kind in (b.Play, b.Saturation):

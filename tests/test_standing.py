@@ -58,7 +58,7 @@ def test_a_held_command_makes_no_delay():
 
 
 def test_the_default_is_the_same_wherever_a_recording_drives_a_diagram():
-    """Of two inputs the command is held and the load is not: fits, scores and runs agree, and each can be told."""
+    """The command is held and the load is not: fits, scores and runs agree; the hold may be given."""
     blocks = {"e": Sum(signs="+-"), "lag": FirstOrderLag(gain=0.8, time_constant=0.3)}
     two = tsm.Diagram(blocks=blocks, wires=["e -> lag"], inputs={"u": "e.plus", "d": "e.minus"}, outputs={"y": "lag"})
     given = {"u": SQUARE, "d": np.sin(T), "y": 0.0 * T}

@@ -147,7 +147,7 @@ def draw(family, motion, seed):
         signals = {"u": np.interp(at, t, u), "y": np.interp(at, t, x) + SIGMA * off[-1]}
         records.append(tsm.Record(name, at, signals, {}))
     got = tsm.noise(records if len(records) > 1 else records[0], "y", inputs="u")
-    spread = 1.96 / np.sqrt(2 * max(got.freedom, 1))  # what was said before there were intervals
+    spread = 1.96 / np.sqrt(2 * max(got.freedom, 1))  # the range given before there were intervals
     low, high = getattr(got, "low", got.floor * (1 - spread)), getattr(got, "high", got.floor * (1 + spread))
     values = np.array([got.floor, low, high]) / SIGMA
     return values, got.method, getattr(got, "doubt", ""), float(np.mean([np.var(e) for e in off]))

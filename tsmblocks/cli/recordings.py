@@ -196,7 +196,7 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, report: bool = Tr
     only = [name for name in dict.fromkeys(signals) if name in mapped or all(name in d.inputs for d in diagrams)]
     also = [name for name in dict.fromkeys(signals) if name not in only]
     records: dict[str, Any] = {}
-    filters = hasattr(args, "conditioned")  # a diagnosis has a filter of its own
+    filters = hasattr(args, "conditioned")  # a diagnosis filters inputs itself
     condition = list(dict.fromkeys(name for d in diagrams for name in d.simulation.condition if filters))
     for path in args.data:
         record = read_record(args, only, path, also, report, wanted, condition)

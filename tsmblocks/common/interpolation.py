@@ -14,6 +14,8 @@ HOLDS = ("zero", "linear", "cubic")
 """Curves between samples by name, as ``hold`` takes them."""
 AUTO = "auto"
 """The value of ``hold`` that leaves the curve to ``found_hold``."""
+HOLD_WORDS = (AUTO, *HOLDS)
+"""All values that ``hold`` takes."""
 ORDERS = {"zero": 0, "linear": 1}
 """Highest time derivative of an input that exists with a hold; a cubic has all that blocks use."""
 SWITCHED_LEVELS = 4
@@ -53,6 +55,16 @@ def interpolation(t: np.ndarray, x: np.ndarray, kind: str) -> Callable[[np.ndarr
     return CubicSpline(t, x)
 
 
+def polynomial_weights(away: np.ndarray) -> np.ndarray:
+    """Weights of values at these distances in the polynomial through them, taken at 0; shape (places, values)."""
+    w = np.ones_like(away)
+    for j in range(away.shape[1]):
+        for i in range(away.shape[1]):
+            if i != j:
+                w[:, j] *= -away[:, i] / (away[:, j] - away[:, i])
+    return w
+
+
 def is_held(x: np.ndarray) -> bool:
     """Whether a sampled signal (n,) stands still and then jumps, as the command of a sampled controller does.
 
@@ -90,14 +102,9 @@ def smooth_hold(t: np.ndarray, x: np.ndarray) -> str:
         return "linear"
     some = len(t) // MOST_COMPARED + 1
     x = x / (np.abs(x).max() or 1.0)
-    before, last, inner, following, after = (t[k : len(t) - 6 + k : some] for k in (0, 2, 3, 4, 6))
-    values = [x[k : len(x) - 6 + k : some] for k in (0, 2, 4, 6)]
-    line = values[1] + (values[2] - values[1]) * (inner - last) / (following - last)
-    nodes = (before, last, following, after)
-    cubic = np.zeros_like(line)
-    for k, (node, value) in enumerate(zip(nodes, values, strict=True)):
-        rest = [other for j, other in enumerate(nodes) if j != k]
-        cubic += value * np.prod([(inner - other) / (node - other) for other in rest], axis=0)
+    times, values = (np.stack([v[k : len(v) - 6 + k : some] for k in (0, 2, 4, 6)], axis=1) for v in (t, x))
+    away = times - t[3 : len(t) - 3 : some, None]
+    line, cubic = (np.sum(polynomial_weights(away[:, k]) * values[:, k], axis=1) for k in (slice(1, 3), slice(0, 4)))
     truth = x[3 : len(x) - 3 : some]
     return "cubic" if np.sum((cubic - truth) ** 2) < np.sum((line - truth) ** 2) else "linear"
 
@@ -123,12 +130,16 @@ def hold_of_each(hold: Hold, names: Sequence[str]) -> dict[str, str]:
         each = {name: hold.get(name, AUTO) for name in names}
     else:
         each = dict.fromkeys(names, hold)
-    known = (AUTO, *HOLDS)
     for name, one in each.items():
         if not isinstance(one, str):
             raise DataError(
-                f"hold must be one of {', '.join(known)}, or a mapping from inputs to these, got {in_words(one)}."
+                f"hold must be one of {', '.join(HOLD_WORDS)}, or a mapping from inputs to these, got {in_words(one)}."
             )
-        if one not in known:
-            raise DataError(f"input '{name}': there is no hold '{one}'.{near(one, known)}")
+        check_hold(name, one)
     return each
+
+
+def check_hold(name: str, hold: str) -> None:
+    """Raise DataError for a hold of an input that is not known."""
+    if hold not in HOLD_WORDS:
+        raise DataError(f"input '{name}': there is no hold '{hold}'.{near(hold, HOLD_WORDS)}")

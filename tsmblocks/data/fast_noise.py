@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tsmblocks.common.interpolation import polynomial_weights
 from tsmblocks.data.slow_noise import Level
 
 HIGH_FREQUENCIES = "high frequencies"
@@ -56,13 +57,3 @@ def fast_level(t: np.ndarray, x: np.ndarray) -> Level:
         least = min(least, float(np.quantile([sample_to_sample_noise(t[k], x[k]).floor for k in parts], 0.25)))
     free = max(found.freedom / 3, 1.0)
     return Level(found.floor, least * float(np.sqrt(free / chdtri(free, 0.025))), np.inf, free, found.floor, None, None)
-
-
-def polynomial_weights(away: np.ndarray) -> np.ndarray:
-    """Weights of values at these distances in the polynomial through them, taken at 0; shape (places, values)."""
-    w = np.ones_like(away)
-    for j in range(away.shape[1]):
-        for i in range(away.shape[1]):
-            if i != j:
-                w[:, j] *= -away[:, i] / (away[:, j] - away[:, i])
-    return w

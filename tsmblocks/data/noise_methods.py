@@ -6,8 +6,8 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
-from tsmblocks.common.interpolation import interpolation
-from tsmblocks.data.fast_noise import polynomial_weights, sample_to_sample_noise
+from tsmblocks.common.interpolation import interpolation, polynomial_weights
+from tsmblocks.data.fast_noise import sample_to_sample_noise
 from tsmblocks.data.grid import stretches
 from tsmblocks.data.noise_checks import settled, smooth
 from tsmblocks.data.periods import MIN_UNLIKENESS, best_period, refined_lag, unlikeness

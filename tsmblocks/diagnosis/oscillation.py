@@ -1,4 +1,4 @@
-"""Oscillations at a harmonic of the motion: no disturbance with a frequency of its own."""
+"""Oscillations at a harmonic of the motion, which are no independent disturbance."""
 
 from __future__ import annotations
 

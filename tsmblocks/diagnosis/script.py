@@ -12,9 +12,10 @@ from tsmblocks import blocks
 from tsmblocks.blocks import Bias
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.settings import Simulated
+from tsmblocks.effects.effect import parameters_of
 from tsmblocks.files import load
 from tsmblocks.files.shipped import shipped_folder
-from tsmblocks.model.block import Block, leaves
+from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram, Inlet
 
 MAX_INLINE_EXPERIMENTS = 12
@@ -83,13 +84,7 @@ def _with_initial_values(diagnosis: Diagnosis) -> list[str]:
     """The blocks that hold lists of initial values, which were empty in the diagram that was diagnosed."""
     first, base = diagnosis.first, diagnosis.base
     had = set(first.parameters)
-    return [k for k, block in base.blocks.items() if any(f"{k}.{p}" not in had for p in _parameters_of(block))]
-
-
-def _parameters_of(block: Block | Diagram) -> list[str]:
-    if isinstance(block, Diagram):
-        return list(block.parameters)
-    return [leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key)]
+    return [k for k, block in base.blocks.items() if any(f"{k}.{p}" not in had for p in parameters_of(block))]
 
 
 def _items(given: Mapping[str, Any]) -> Iterator[str]:

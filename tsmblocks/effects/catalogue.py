@@ -13,8 +13,7 @@ from tsmblocks.effects.relative import Relative
 from tsmblocks.effects.relatives import RELATIVES
 from tsmblocks.model.block import REGISTRY
 
-_OWN: list[Effect] = []
-_OWN_RELATIVES: list[Relative] = []
+_OWN: list[Effect | Relative] = []
 One = TypeVar("One", bound=Effect | Relative)
 
 
@@ -27,7 +26,7 @@ def catalogue() -> tuple[Effect, ...]:
         The effects of the toolbox in a fixed order, then the registered ones; variants of one name are neighbours.
     """
     shipped = (friction, loop, delay, maps, time_varying)
-    return (*(effect for module in shipped for effect in module.EFFECTS), *_OWN)
+    return (*(effect for module in shipped for effect in module.EFFECTS), *(e for e in _OWN if isinstance(e, Effect)))
 
 
 def relatives() -> tuple[Relative, ...]:
@@ -38,7 +37,7 @@ def relatives() -> tuple[Relative, ...]:
     tuple of Relative
         The relatives of the toolbox in a fixed order, then the registered ones.
     """
-    return (*RELATIVES, *_OWN_RELATIVES)
+    return (*RELATIVES, *(one for one in _OWN if isinstance(one, Relative)))
 
 
 def register(effect: One) -> One:
@@ -61,38 +60,32 @@ def register(effect: One) -> One:
     ParameterError
         For an effect that is in the catalogue already.
     """
-    if isinstance(effect, Relative):
-        if any(_relative_key(one) == _relative_key(effect) for one in relatives()):
-            raise ParameterError(
-                f"there is a relative '{effect.name}' of {effect.of.__name__} already; give this one another name, or "
-                "a variant."
-            )
-        _OWN_RELATIVES.append(effect)
-        return effect
-    if not isinstance(effect, Effect):
+    if not isinstance(effect, (Effect, Relative)):
         raise ParameterError(f"register takes an Effect or a Relative, got {in_words(effect)}.")
     _OWN[:] = [one for one in _OWN if not _is_redefined(one, effect)]
-    if any(_key(e) == _key(effect) for e in catalogue()):
-        raise ParameterError(
-            f"there is an effect '{effect.name}' at the place '{effect.place}' already; give this one "
-            "another name, or a variant."
+    known: tuple[Effect | Relative, ...] = (*catalogue(), *relatives())
+    if any(_key(one) == _key(effect) for one in known):
+        what = (
+            f"an effect '{effect.name}' at the place '{effect.place}'"
+            if isinstance(effect, Effect)
+            else f"a relative '{effect.name}' of {effect.of.__name__}"
         )
+        raise ParameterError(f"there is {what} already; give this one another name, or a variant.")
     _OWN.append(effect)
     return effect
 
 
-def _is_redefined(old: Effect, new: Effect) -> bool:
+def _is_redefined(old: Effect | Relative, new: Effect | Relative) -> bool:
     """Whether an effect is the same as a new one, but of a block that has been redefined."""
+    if not isinstance(old, Effect) or not isinstance(new, Effect):
+        return False
     kind, known = type(old.block), REGISTRY.get(type(old.block).__name__)
     return _key(old) == _key(new) and type(new.block) is known is not kind
 
 
-def _key(effect: Effect) -> tuple[str, str, str]:
-    return effect.name, effect.variant, effect.place
-
-
-def _relative_key(relative: Relative) -> tuple[type, str, str]:
-    return relative.of, relative.name, relative.variant
+def _key(one: Effect | Relative) -> tuple[str, str, str | type]:
+    """What no two effects, and no two relatives, have in common."""
+    return one.name, one.variant, one.place if isinstance(one, Effect) else one.of
 
 
 @contextmanager
@@ -114,12 +107,10 @@ def registered(*effects: Effect | Relative) -> Iterator[None]:
     ParameterError
         As ``register`` does; none of the effects is then added.
     """
-    count, relative_count = len(_OWN), len(_OWN_RELATIVES)
+    count = len(_OWN)
     try:
         for effect in effects:
             register(effect)
         yield
     finally:
         _OWN[count:] = [one for one in _OWN[count:] if not any(one is effect for effect in effects)]
-        kept = [one for one in _OWN_RELATIVES[relative_count:] if not any(one is effect for effect in effects)]
-        _OWN_RELATIVES[relative_count:] = kept

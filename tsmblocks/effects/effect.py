@@ -304,7 +304,7 @@ def _faults(effect: Effect) -> Iterator[str]:
 
 def parameter_faults(effect: Effect) -> Iterator[str]:
     """What is wrong with the parameters that an effect names."""
-    numbers, states = _parameters_of(effect.block), _states(effect.block)
+    numbers, states = parameters_of(effect.block), _states(effect.block)
     yield from _unknown((*effect.null, *effect.free, *effect.within), numbers, "its block has no parameter '{}'.")
     for name, value in effect.null.items():
         if numbers[name] != value:
@@ -332,7 +332,7 @@ def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
     elif not trials.shapes:
         yield "its trials have no shape to start with; leave shapes out where there is none."
     else:
-        shape, free, numbers = trials.shapes[0], effect.free, _parameters_of(effect.block)
+        shape, free, numbers = trials.shapes[0], effect.free, parameters_of(effect.block)
         for odd in (one for one in trials.shapes if set(one) != set(shape)):
             yield f"all shapes of its trials must name the same parameters, and {in_words(dict(odd))} does not."
         for what, names, known in (
@@ -358,7 +358,7 @@ def _states(block: Block | Diagram) -> list[str]:
     return list(block.states)
 
 
-def _parameters_of(block: Block | Diagram) -> Mapping[str, float]:
+def parameters_of(block: Block | Diagram) -> Mapping[str, float]:
     """Every parameter of an effect's block, by name."""
     if isinstance(block, Diagram):
         return block.parameters

@@ -18,7 +18,7 @@ from tsmblocks.blocks import (
     PrandtlIshlinskii,
     TaoBacklash,
 )
-from tsmblocks.effects.effect import Scales, Trials
+from tsmblocks.effects.effect import Scales, Trials, parameters_of
 from tsmblocks.effects.relative import Relative
 from tsmblocks.model.block import Block
 
@@ -178,12 +178,8 @@ def _loop(of: type[Block], words: str, law: _Law) -> Relative:
         return law.made(loop_of(old))
 
     def trials(old: Any, scales: Scales) -> Trials:
-        made = law.made(loop_of(old))
-        values: dict[str, float] = {}
-        for name, value in made.parameters.items():
-            some = {f"{name}[{k}]": v for k, v in enumerate(value)} if isinstance(value, tuple) else {name: value}
-            values |= {k: float(v) for k, v in some.items()}
-        start = {name: values[name] for name in law.free}
+        values = parameters_of(law.made(loop_of(old)))
+        start = {name: float(values[name]) for name in law.free}
         return Trials({}, tuple({**start, **more} for more in law.starts), bounds=_loop_bounds(law, scales))
 
     own = "u" if of is Play else "x"

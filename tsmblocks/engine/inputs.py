@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks.common.errors import DataError, in_words, near
-from tsmblocks.common.interpolation import AUTO, HOLDS, ORDERS, found_hold
+from tsmblocks.common.errors import DataError, in_words
+from tsmblocks.common.interpolation import AUTO, ORDERS, check_hold, found_hold
 
 LATE_SAMPLE = 1e-3
 """Share of a step by which a sample may be late and still counts at that step. Chosen: printed times are rounded."""
@@ -36,8 +36,7 @@ class Signal:
         self._grid = (math.nan, math.nan, False)
 
     def _check(self) -> None:
-        if self.hold not in (AUTO, *HOLDS):
-            raise DataError(f"input '{self.name}': there is no hold '{self.hold}'.{near(self.hold, (AUTO, *HOLDS))}")
+        check_hold(self.name, self.hold)
         if self.t.ndim != 1 or self.t.shape != self.y.shape or not len(self.t):
             raise DataError(
                 f"input '{self.name}': times and values must be two lists of one length, "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tsmblocks.common.interpolation import AUTO, HOLDS
+from tsmblocks.common.interpolation import HOLD_WORDS
 from tsmblocks.model.block import REGISTRY, Block, Field
 from tsmblocks.model.simulation import METHODS
 
@@ -58,7 +58,7 @@ def _diagram() -> dict[str, Any]:
 
 def _simulation() -> dict[str, Any]:
     """Sections that say how a diagram was simulated on recordings."""
-    seconds, hold = {"type": "number", "exclusiveMinimum": 0}, {"enum": [AUTO, *HOLDS]}
+    seconds, hold = {"type": "number", "exclusiveMinimum": 0}, {"enum": list(HOLD_WORDS)}
     settings = {
         "step": {**_one_or_each(seconds), "description": "step in s, one for all or by recording"},
         "method": {"enum": list(METHODS)},

@@ -88,11 +88,8 @@ def undetermined(
     theta = np.asarray(theta, dtype=float)
     scales = np.where(theta != 0, np.abs(theta), 1.0) if scales is None else np.asarray(scales, dtype=float)
     moved = Jacobian.of(J).scaled(scales)  # what each parameter changes when moved by all of its size
-    weight = np.zeros((len(theta), len(theta))) if prior is None else prior * np.outer(scales, scales)
-    size = np.sqrt(moved.norms**2 + np.diag(weight))
     wording = _Wording(tuple(names), moved, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
-    held = np.empty((0, len(theta))) if held is None else np.asarray(held, dtype=float).reshape(-1, len(theta)) * scales
-    silent, weak = _without_effect(moved, weight, size, held)
+    silent, weak = _without_effect(moved, scales, prior, held)
     found = [wording.without_influence(int(i)) for i in np.flatnonzero(silent)]
     found += [wording.combination(v, "only matter through a combination", nearest=nearest) for v in weak]
     half = intervals(np.zeros(len(theta)), known.covariance, known.freedom)[1] / scales
@@ -113,18 +110,22 @@ def null_directions(J: Jacobian, scales: np.ndarray, prior: np.ndarray | None, h
 
     They span what ``undetermined`` names as without influence, or as a combination; arguments as there.
     """
-    moved, p = J.scaled(scales), len(scales)
-    weight = np.zeros((p, p)) if prior is None else prior * np.outer(scales, scales)
-    size = np.sqrt(moved.norms**2 + np.diag(weight))
-    held = np.empty((0, p)) if held is None else held.reshape(-1, p) * scales
-    silent, weak = _without_effect(moved, weight, size, held)
+    p = len(scales)
+    silent, weak = _without_effect(J.scaled(scales), scales, prior, held)
     return np.array([*np.eye(p)[silent], *weak]).reshape(-1, p).T
 
 
 def _without_effect(
-    moved: Jacobian, weight: np.ndarray, size: np.ndarray, held: np.ndarray
+    moved: Jacobian, scales: np.ndarray, prior: np.ndarray | None, held: np.ndarray | None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Which parameters have no effect (p,), and combinations without any, in shares of each parameter's size."""
+    """Which parameters have no effect (p,), and combinations without any, in shares of each parameter's size.
+
+    ``moved`` is the Jacobian by shares of the sizes ``scales`` (p,); ``prior`` and ``held`` as for ``undetermined``.
+    """
+    p = len(scales)
+    weight = np.zeros((p, p)) if prior is None else prior * np.outer(scales, scales)
+    size = np.sqrt(moved.norms**2 + np.diag(weight))
+    held = np.empty((0, p)) if held is None else np.asarray(held, dtype=float).reshape(-1, p) * scales
     loose = np.abs(np.linalg.norm(_free(held), axis=1) - 1) < 1e-6  # held back by nothing else
     silent = loose & (size <= SILENT * size.max(initial=0.0))
     space = column_space(moved, RANK, weight, np.vstack([held, np.eye(len(size))[silent]]))

@@ -1,6 +1,6 @@
 """The Jacobian of a fit: columns of parameters common to all experiments, and of unknowns of one experiment alone.
 
-An initial state enters the rows of its own experiment only. Of many experiments, such as the pieces of a recording,
+An initial state enters the rows of its experiment only. Of many experiments, such as the pieces of a recording,
 only the blocks that are not zero are stored: a matrix of thousands of rows and hundreds of columns takes as much memory
 as one of a few columns.
 """

@@ -11,7 +11,7 @@ from typing import Any
 import attrs
 
 from tsmblocks.common.errors import ParameterError, in_words, near
-from tsmblocks.common.interpolation import AUTO, HOLDS, Hold
+from tsmblocks.common.interpolation import HOLD_WORDS, Hold
 
 METHODS = ("rk4", "euler", "heun")
 """Names of the Runge-Kutta methods."""
@@ -45,11 +45,10 @@ def _method(_: Any, __: Any, given: Any) -> None:
 
 
 def _hold(_: Any, __: Any, given: Any) -> None:
-    words = (AUTO, *HOLDS)
     for word in given.values() if isinstance(given, Mapping) else () if given == "" else (given,):
-        if word not in words:
+        if word not in HOLD_WORDS:
             raise ParameterError(
-                f"hold must be one of {', '.join(words)}, got {in_words(word)}.{near(str(word), words)}"
+                f"hold must be one of {', '.join(HOLD_WORDS)}, got {in_words(word)}.{near(str(word), HOLD_WORDS)}"
             )
 
 
