@@ -132,7 +132,7 @@ def test_pieces_that_begin_anew_are_cut_by_the_lines(tmp_path, monkeypatch):
     t = np.arange(0.0, 4.0, 0.01)
     u = 3 * np.sin(5 * t) + 2 * np.sin(13.0 * t)
     y = tsm.simulate(motor, inputs={drive: (t, u)}, stop=t[-1], step=0.01, hold="cubic")[angle]
-    y = y + 0.002 * np.random.default_rng(3).standard_normal(len(t))
+    y = y + 0.02 * np.sin(0.8 * t) + 0.002 * np.random.default_rng(3).standard_normal(len(t))  # too much for one piece
     one = tsm.Record("run", t, {drive: u, angle: y}, {drive: motor.inports[drive].unit, angle: motor.unit(angle)})
     found = tsm.diagnose(motor, one, noise_floor="0.002rad", effects=["load_offset"])
     assert found.simulated is not None

@@ -34,9 +34,11 @@ from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memori
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
 from tsmblocks.diagnosis.noise_floor import lowered_noise_floors, noise_floors, noise_level, propagated_input_noise
 from tsmblocks.diagnosis.partition import (
+    MAX_GROWN_ERROR,
     Part,
     has_lasting_memory,
     partition,
+    piece_lengths,
     split_into_pieces,
     total_delay,
     within_windows,
@@ -210,11 +212,12 @@ def _diagnosed(
     rounds: list[SearchRound] = []
     search: SearchContext | None = None
     try:
-        if has_lasting_memory(part.diagram, records, settings):
+        piece = _piece_length(part, records, settings, progress)
+        if piece is not None:
             delay = total_delay(part.diagram)
-            records, windows = split_into_pieces(within_windows(records, settings.window), delay)
-            raw, settings = split_into_pieces(compared, delay)[0], attrs.evolve(settings, window=windows)
-            notes.append(f"{part.name}: the plant integrates, so its simulation restarts every second.")
+            records, windows = split_into_pieces(within_windows(records, settings.window), delay, piece)
+            raw, settings = split_into_pieces(compared, delay, piece)[0], attrs.evolve(settings, window=windows)
+            notes.append(f"{part.name}: the plant integrates, so its simulation restarts every {piece:g} s.")
         base = _calibrated(part, records, settings, progress)
         floors, more_notes = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
         notes += [*floors.notes, *more_notes]
@@ -260,6 +263,27 @@ def _holds(part: Part, records: Mapping[str, Record], settings: ModelSettings, n
         notes += [f"{name}: {text}" for text in hold_notes(record, holds, settings.hold)]
         found.append((record, holds))
     return in_one_word(common_holds(found))
+
+
+def _piece_length(
+    part: Part, records: Mapping[str, Record], settings: ModelSettings, progress: ProgressCallback
+) -> float | None:
+    """How long [s] the simulation runs until it restarts, None for whole recordings.
+
+    Where the plant integrates, errors grow with time: the longest pieces are taken in which those of the base do not
+    exceed ``MAX_GROWN_ERROR``, since each restart has initial states that absorb small and slow errors.
+    """
+    if not has_lasting_memory(part.diagram, records, settings):
+        return None
+    whole, delay = within_windows(records, settings.window), total_delay(part.diagram)
+    lengths = [None, *piece_lengths(whole)]
+    for length in lengths[:-1]:
+        some, windows = (records, settings.window) if length is None else split_into_pieces(whole, delay, length)
+        tried = attrs.evolve(settings, window=windows)
+        model = calibrate(part.diagram, some, tried, lambda *_: progress("calibrated", 0, 1))
+        if model.mean_square <= MAX_GROWN_ERROR:
+            return length
+    return lengths[-1]
 
 
 def _calibrated(

@@ -83,11 +83,12 @@ def separations(
     step = experiment.times.h * max(round(experiment.record.step / experiment.times.h), 1)
     unit = named.model.diagram.unit(inputs[0])
     span = span_of([r.values(inputs[0], unit) for r in records.values()], [r.step for r in records.values()])
+    piece = max(float(r.t[-1] - r.t[0]) for r in records.values())
     cut = any(PIECE_SEPARATOR in name for name in records)
     rivals = [(one.model, fisher_information(one.model)) for one in others]
     for motion in candidate_motions(span, step, unit):
         record = _record(motion, step, named.model, records)
-        template = split_into_pieces({"proposed": record})[0] if cut else {"proposed": record}
+        template = split_into_pieces({"proposed": record}, length=piece)[0] if cut else {"proposed": record}
         predicted = _predicted(named.model, template, settings)
         if predicted is not None:
             yield Separation(motion.words, min(separation(*one, predicted, settings) for one in rivals))

@@ -17,9 +17,14 @@ from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.wires import Link
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
-PIECE_LENGTH = 1.0
-"""Length [s] of a piece of an experiment. Source: the method's prototype; over longer ones the errors of an integrating
-plant grow and mask their cause."""
+SHORTEST_PIECE = 1.0
+"""Length [s] of the shortest pieces of an experiment. Source: the method's prototype; over longer ones large errors of
+an integrating plant grow and mask their cause."""
+PIECE_RATIO = 4.0
+"""Length of pieces over that of the next shorter ones that are tried. Chosen: for the run time."""
+MAX_GROWN_ERROR = 10.0
+"""Mean square [noise variances] of a base up to which errors have not grown too much. Chosen: in shorter pieces, free
+initial states absorb an error of about the noise; one of several times the noise is seen in shorter ones as well."""
 LEAD_SHARE = 0.1
 """Share of a piece that is simulated before the comparison starts. Chosen: initial contents of delays are unknown and
 have to leave them first."""
@@ -157,19 +162,29 @@ def within_windows(records: Mapping[str, Record], windows: Mapping[str, Window] 
     return {name: r if windows is None else r.part(*windows[name]) for name, r in records.items()}
 
 
-def split_into_pieces(records: Mapping[str, Record], delay: float = 0.0) -> tuple[dict[str, Record], dict[str, Window]]:
+def piece_lengths(records: Mapping[str, Record]) -> list[float]:
+    """Lengths [s] of pieces to try, from the longest that cuts an experiment to the shortest."""
+    longest, lengths = max(float(r.t[-1] - r.t[0]) for r in records.values()), [SHORTEST_PIECE]
+    while lengths[-1] * PIECE_RATIO < longest / 2:
+        lengths.append(lengths[-1] * PIECE_RATIO)
+    return lengths[::-1]
+
+
+def split_into_pieces(
+    records: Mapping[str, Record], delay: float = 0.0, length: float = SHORTEST_PIECE
+) -> tuple[dict[str, Record], dict[str, Window]]:
     """Every experiment in pieces named ``experiment#1`` and so on, and the window of each that is compared.
 
-    About ``PIECE_LENGTH`` seconds of each are compared. Its simulation starts earlier, within the piece before it, by a
+    About ``length`` seconds of each are compared. Its simulation starts earlier, within the piece before it, by a
     share of its length or by more than the delays of the diagram (``delay`` [s]), whichever is longer.
     """
     result: dict[str, Record] = {}
     windows: dict[str, Window] = {}
     for name, record in records.items():
         start, end = float(record.t[0]), float(record.t[-1])
-        length = max(PIECE_LENGTH, MIN_PIECE_SAMPLES * record.step)
-        lead = min(max(LEAD_SHARE * min(length, end - start), DELAY_MARGIN * delay), (end - start) / 2)
-        count = max(1, round((end - start - lead) / length))
+        own = max(length, MIN_PIECE_SAMPLES * record.step)
+        lead = min(max(LEAD_SHARE * min(own, end - start), DELAY_MARGIN * delay), (end - start) / 2)
+        count = max(1, round((end - start - lead) / own))
         edges = np.linspace(start + lead, end, count + 1).tolist()
         for k, (first, last) in enumerate(itertools.pairwise(edges)):
             stop = last - (record.step / 2 if k + 1 < count else 0.0)
