@@ -38,7 +38,9 @@ COARSE_TOLERANCE = 0.3
 thousandth of what decides between candidates."""
 FINE_TOLERANCE = 1e-3
 """The same for models that further ones are built on, and that are reported. Chosen."""
-
+MAX_QUICK_STEPS = 10_000
+"""Steps of all experiments up to which the code of a candidate is compiled without optimisation. Chosen: a hundred runs
+of its fit then take less time than the optimisation."""
 SAME_OPTIMUM = 1.0
 """Difference of costs [noise variances] of two coarse searches that may be of one optimum. Chosen: as in fits."""
 
@@ -230,7 +232,11 @@ def pose_extended(
         local += [k for k in dict.fromkeys(states) if k not in local]
     kept = {i.parameter: (i.low, i.high) for i in items}
     settings = attrs.evolve(settings, step=model.setup.experiments[0].times.h)
-    return pose_model(diagram, records, settings, free, {**kept, **(bounds or {})}, local)
+    problem, setup = pose_model(diagram, records, settings, free, {**kept, **(bounds or {})}, local)
+    if sum(one.times.steps for one in setup.experiments) > MAX_QUICK_STEPS:
+        return problem, setup
+    quick = tuple(attrs.evolve(one, quick=True) for one in setup.experiments)
+    return attrs.evolve(problem, experiments=quick), attrs.evolve(setup, experiments=quick)
 
 
 def _initial_lists(diagram: Diagram) -> list[str]:

@@ -30,9 +30,11 @@ PIECE_SECONDS = 0.2
 
 
 @functools.lru_cache(maxsize=48)
-def single_kernel(eq: Equations, method: Method, y: tuple[int, ...], backend: str) -> Kernel:
-    """A kernel for one run at a time (kept, since equations are compared by identity)."""
-    return kernel_for(plan_for(eq, method, y), backend)
+def single_kernel(eq: Equations, method: Method, y: tuple[int, ...], backend: str, quick: bool = False) -> Kernel:
+    """A kernel for one run at a time (kept, since equations are compared by identity); ``quick`` as for
+    ``kernel_for``.
+    """
+    return kernel_for(plan_for(eq, method, y), backend, quick)
 
 
 def steps_per_period(eq: Equations, h: float) -> tuple[int, ...]:

@@ -49,7 +49,7 @@ class Experiment:
 
     ``measured`` has shape (samples, outputs), in the units of the diagram's ports. Sample k lies
     ``share[k]`` of a step after step ``place[k]``. ``counted`` (samples, outputs) is 0 for samples that were not
-    measured but interpolated, and 1 for all others; None where all were measured.
+    measured but interpolated, and 1 for all others; None where all were measured. ``quick`` as for ``kernel_for``.
     """
 
     name: str
@@ -67,6 +67,16 @@ class Experiment:
     hold: Mapping[str, str] = attrs.field(factory=dict)
     backend: str = ""
     counted: np.ndarray | None = attrs.field(default=None, repr=False)
+    quick: bool = False
+
+    @property
+    def kernel(self) -> Kernel:
+        """The kernel for one run at a time."""
+        return single_kernel(self.eq, self.rule, self.columns, self.backend, self.quick)
+
+    def kernel_with_derivatives(self, lanes: int) -> Kernel:
+        """The kernel for a run with derivatives in ``lanes`` directions."""
+        return tangent_kernel(self.eq, self.rule, self.columns, lanes, self.backend, self.quick)
 
     def residuals(self, y: np.ndarray) -> np.ndarray:
         """Simulated less measured outputs, 0 where nothing was measured; ``y`` is (samples, outputs)."""
@@ -75,7 +85,7 @@ class Experiment:
 
     def outputs(self, p: np.ndarray) -> np.ndarray:
         """Simulated outputs at the instants of measurement, shape (samples, outputs)."""
-        kernel = single_kernel(self.eq, self.rule, self.columns, self.backend)
+        kernel = self.kernel
         return self.output_columns(kernel, self.run(kernel, start_memory(self.eq, kernel, p, self.times.h)))
 
     def output_columns(self, kernel: Kernel, y: np.ndarray) -> np.ndarray:
@@ -84,7 +94,7 @@ class Experiment:
 
     def tangents(self, p: np.ndarray, seeds: np.ndarray, lanes: int) -> tuple[Kernel, Memory]:
         """Kernel and memory of a run with derivatives along ``seeds`` (parameters, up to ``lanes``)."""
-        kernel = tangent_kernel(self.eq, self.rule, self.columns, lanes, self.backend)
+        kernel = self.kernel_with_derivatives(lanes)
         padded = np.pad(seeds, ((0, 0), (0, lanes - seeds.shape[1])))
         return kernel, tangent_memory(self.eq, kernel, p, padded, self.times.h)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tsmblocks.engine.kernel import Steps
-from tsmblocks.engine.session import single_kernel, start_memory
+from tsmblocks.engine.session import start_memory
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.residuals import Problem
 
@@ -129,7 +129,7 @@ def _after_a_step(problem: Problem, theta: np.ndarray, e: int, k: int, place: in
     size = FAR * max(1.0, np.abs(experiment.rows[0]).max(initial=0.0), np.abs(p[np.isfinite(p)]).max(initial=0.0))
     start = theta.copy()
     start[k] = side * size
-    kernel = single_kernel(experiment.eq, experiment.rule, experiment.columns, experiment.backend)
+    kernel = experiment.kernel
     memory = start_memory(experiment.eq, kernel, problem.unknowns.parameters(start, e), experiment.times.h)
     steps = Steps(experiment.times.start, experiment.times.h, 0, 1, False, experiment.hits, 1)
     with np.errstate(over="ignore", invalid="ignore"):

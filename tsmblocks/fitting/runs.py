@@ -11,18 +11,23 @@ import numpy as np
 
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.sensitivities import tangent_memories
-from tsmblocks.engine.session import single_kernel
 from tsmblocks.fitting.experiments import Experiment
-from tsmblocks.simulation.lanes import batch_kernel, directions, lane_memories, tangent_kernel
+from tsmblocks.simulation.lanes import batch_kernel, directions, lane_memories
 
 LANES = 32
 """Parameter sets side by side in one run; a population is a multiple of it. Chosen, as ``MOST_DIRECTIONS``."""
+
+FEW_LANES = 8
+"""The same for a few runs of a model. Chosen: the code of fewer lanes is compiled faster, and is one for all counts."""
+MANY_EXPERIMENTS = 40
+"""Experiments from which a few runs take up to ``LANES`` as well. Chosen: each lane group is prepared in 0.1 ms for
+each experiment, and the code of another width compiled in 10 ms."""
 
 
 def outputs(experiments: Sequence[Experiment], p: np.ndarray) -> Iterator[np.ndarray]:
     """Simulated outputs (samples, outputs) of each experiment; ``p`` has shape (experiments, parameters)."""
     first = experiments[0]
-    kernel = single_kernel(first.eq, first.rule, first.columns, first.backend)
+    kernel = first.kernel
     for experiment, memory in zip(experiments, _memories(experiments, kernel, p[:, :, None]), strict=True):
         yield experiment.output_columns(kernel, experiment.run(kernel, memory))
 
@@ -37,7 +42,7 @@ def derivatives(
     """
     one, width = experiments[0], seeds.shape[2]
     lanes = directions(width)
-    kernel = tangent_kernel(one.eq, one.rule, one.columns, lanes, one.backend)
+    kernel = one.kernel_with_derivatives(lanes)
     steps, groups = [experiment.times.h for experiment in experiments], list[list[Memory]]()
     for first in range(0, max(width, 1), lanes):
         part = seeds[:, :, first : first + lanes]
@@ -56,7 +61,8 @@ def output_sets(experiments: Sequence[Experiment], p: np.ndarray, vary: frozense
 
     The sets differ in the places ``vary``. For a few runs of a model: its code is compiled quickly and runs slower.
     """
-    groups = [lane_runs(experiments, p[:, :, k : k + LANES], vary, quick=True) for k in range(0, p.shape[2], LANES)]
+    width = FEW_LANES if len(experiments) <= MANY_EXPERIMENTS else LANES
+    groups = [lane_runs(experiments, p[:, :, k : k + width], vary, quick=True) for k in range(0, p.shape[2], width)]
     for e, experiment in enumerate(experiments):
         parts = [experiment.output_lanes(kernel, experiment.run(kernel, made[e])) for kernel, made in groups]
         yield np.concatenate(parts, axis=2)[:, :, : p.shape[2]]
@@ -77,7 +83,7 @@ def lane_runs(
 
 def lanes_for(count: int) -> int:
     """Lanes for so many parameter sets; beyond ``LANES`` they take several runs."""
-    return next((few for few in (8, 16) if count <= few), LANES)
+    return next((few for few in (FEW_LANES, 16) if count <= few), LANES)
 
 
 def _memories(experiments: Sequence[Experiment], kernel: Kernel, p: np.ndarray) -> list[Memory]:

@@ -40,9 +40,11 @@ def batch_kernel(
 
 
 @functools.lru_cache(maxsize=MOST_KERNELS)
-def tangent_kernel(eq: Equations, method: Method, y: tuple[int, ...], lanes: int, backend: str) -> Kernel:
-    """A kernel with one seed direction per lane (cached)."""
-    return kernel_for(tangent_plan(eq, method, y, lanes), backend)
+def tangent_kernel(
+    eq: Equations, method: Method, y: tuple[int, ...], lanes: int, backend: str, quick: bool = False
+) -> Kernel:
+    """A kernel with one seed direction per lane (cached); ``quick`` as for ``kernel_for``."""
+    return kernel_for(tangent_plan(eq, method, y, lanes), backend, quick)
 
 
 @functools.lru_cache(maxsize=64)
