@@ -129,6 +129,19 @@ def test_uneven_samples_come_on_an_even_grid():
     assert even.notes == (f"Resampled from 2000 to {count} samples, 0.005 s apart (interpolated; cubic: x; held: u).",)
 
 
+def test_a_held_command_keeps_its_jumps_on_an_even_grid():
+    """Times rounded to 1 ms, whose median step is not their mean, and samples that are late or early by a tenth."""
+    true = 0.0101 * np.arange(3000) + 0.0007 * np.sin(np.arange(3000))
+    t = np.round(true + 0.0004, 3)
+    u = np.where(np.arange(3000) // 50 % 2, 1.0, -1.0)
+    even = record(t, u=u).resampled()
+    jumps = even.t[np.flatnonzero(np.diff(even["u"])) + 1]
+    np.testing.assert_allclose(jumps, t[np.flatnonzero(np.diff(u)) + 1], rtol=0, atol=0.0055)
+    assert abs(np.mean(jumps - t[np.flatnonzero(np.diff(u)) + 1])) < 1e-3  # not late by half a step on average
+    assert np.isclose(even.step, 0.0101, rtol=1e-4)
+    assert np.array_equal(even["u"], u[: len(even)])
+
+
 def test_thinning_takes_out_what_would_come_back_slow():
     """A tone above the new Nyquist frequency, which plain picking turns into a slow one, is gone."""
     fast = 0.5 * np.sin(2 * np.pi * 19.0 * T)

@@ -18,10 +18,19 @@ MAX_JITTER = 0.01
 """Deviation of a step from the median, in steps, up to which samples count as evenly spaced. Chosen: what loggers that
 round their times to a hundredth of the step make of an even grid."""
 
+GAP_SHARE = 0.5
+"""Deviation of a step from the median, in steps, from which it is a gap or a repeat. Chosen: half of a lost sample."""
+
 
 def step_of(t: np.ndarray) -> float:
     """Median step [s]."""
     return float(np.median(np.diff(t)))
+
+
+def mean_step(t: np.ndarray) -> float:
+    """Mean step [s], without gaps: the median of steps with rounded or scattered times may be off by a share of it."""
+    steps = np.diff(t)
+    return float(np.mean(steps[np.abs(steps / np.median(steps) - 1) < GAP_SHARE]))
 
 
 def jitter_of(steps: np.ndarray) -> float:

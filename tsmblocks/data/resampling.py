@@ -9,7 +9,7 @@ import numpy as np
 from tsmblocks.common.errors import DataError, in_words
 from tsmblocks.common.interpolation import found_hold, interpolation
 from tsmblocks.data.filters import low_pass
-from tsmblocks.data.grid import refuse_not_finite
+from tsmblocks.data.grid import mean_step, refuse_not_finite
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
@@ -22,21 +22,22 @@ MAX_SAMPLES = 50_000_000
 
 
 def evenly_sampled(record: Record) -> Record:
-    """The record itself where its samples are evenly spaced, else resampled at its median step."""
+    """The record itself where its samples are evenly spaced, else resampled at its mean step."""
     return record if record.uniform else resampled(record)
 
 
 def resampled(self: Record, step: float | None = None) -> Record:
     """Return the record on an even grid.
 
-    Signals that stand still and jump are held from sample to sample; others are interpolated by a cubic spline or
-    linearly, whichever predicts samples better from their neighbours. When the new step is longer, a zero-phase
-    low-pass at 0.7 of the new Nyquist frequency precedes it against aliasing.
+    Signals that stand still and jump are held from sample to sample, and jump at the nearest instant of the new grid;
+    others are interpolated by a cubic spline or linearly, whichever predicts samples better from their neighbours. When
+    the new step is longer, a zero-phase low-pass at 0.7 of the new Nyquist frequency precedes it against aliasing.
 
     Parameters
     ----------
     step : float or None, default None
-        Step [s], by default the median step of the record.
+        Step [s], by default the mean step of the record without its gaps: a grid of another step would drift against
+        the samples.
 
     Returns
     -------
@@ -49,7 +50,7 @@ def resampled(self: Record, step: float | None = None) -> Record:
         For a step that does not fit, and for samples that are not finite.
     """
     t, own = self.t, self.step
-    step = own if step is None else float(step)
+    step = mean_step(t) if step is None else float(step)
     span = t[-1] - t[0]
     if not 0 < step <= span / 3:
         raise DataError(
@@ -65,7 +66,8 @@ def resampled(self: Record, step: float | None = None) -> Record:
     if step > 1.05 * own:
         return _decimated(self, grid, step)
     kinds = {name: found_hold(t, self[name]) for name in self}
-    signals = {name: interpolation(t, self[name], kind)(grid) for name, kind in kinds.items()}
+    late = {"zero": step / 2}  # the last sample before an instant would put a jump off by up to a step, always late
+    signals = {name: interpolation(t, self[name], kind)(grid + late.get(kind, 0.0)) for name, kind in kinds.items()}
     used = {kind: [name for name in kinds if kinds[name] == kind] for kind in ("cubic", "linear", "zero")}
     words = {"cubic": "cubic", "linear": "linear", "zero": "held"}
     how = "; ".join(f"{words[kind]}: {', '.join(names)}" for kind, names in used.items() if names)
