@@ -1,11 +1,15 @@
 """A time and a distance at one frequency: neither is named as if the other were excluded."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import tsmblocks as tsm
 from tsmblocks import blocks as b
-from tsmblocks.diagnosis.time_and_distance import only_frequency
+from tsmblocks.diagnosis.cross_validation import TimeBlocks
+from tsmblocks.diagnosis.decision import Verdict
+from tsmblocks.diagnosis.time_and_distance import only_frequency, with_distances_first
 
 T = np.arange(0.0, 20.0, 0.02)
 NAMES = ["dead_time", "backlash", "first_order_lag"]
@@ -65,3 +69,20 @@ def test_at_two_frequencies_the_delay_is_named():
     assert effect.name == "dead_time"
     assert "backlash" not in effect.also_possible
     assert "second frequency" not in effect.separating_experiment
+
+
+def candidate(name, count, loss):
+    effect = SimpleNamespace(effect=SimpleNamespace(name=name))
+    return SimpleNamespace(candidate=effect, parameter_count=count, loss=loss, tenable=True, disqualifying_bounds=())
+
+
+@pytest.mark.parametrize(
+    ("more", "frequency", "named"),
+    [(0, None, "backlash"), (1, None, "backlash"), (5, None, "dead_time"), (5, 0.5, "backlash")],
+)
+def test_many_parameters_of_a_distance_are_no_better_than_one_time(more, frequency, named):
+    """At several frequencies a time has a shape of its own, which six parameters of a memory can draw as well."""
+    one = TimeBlocks(np.zeros(1, int), np.zeros(1, int), np.zeros(1, int), np.ones(1))
+    time, distance = candidate("dead_time", 3, 2.0), candidate("backlash", 3 + more, 1.9)
+    verdict = Verdict((distance, time), named=time, indistinguishable=(time,))
+    assert with_distances_first(verdict, np.array([10.0]), one, frequency).named.candidate.effect.name == named

@@ -27,6 +27,9 @@ MIN_LINE_SHARE = 0.9
 """Share of the variance at one frequency from which a motion has one. Chosen: a triangle has 98 % at its first line."""
 LINE_HALF_WIDTH = 2
 """Spectral lines on each side that count as one frequency. Chosen: half the main lobe of a Hann window."""
+MAX_FURTHER_PARAMETERS = 1
+"""Fitted parameters that a distance may have beyond those of a time, to be named instead of it where the motion has
+several frequencies. Chosen: a law of memory has a shape beside its size."""
 SAME_MOTION_RATIO = 1.25
 """Ratio of two frequencies or amplitudes up to which two motions are the same. Chosen: beyond it a delay shows."""
 MIN_LINES = 8
@@ -79,6 +82,9 @@ def with_distances_first(verdict: Verdict, base: np.ndarray, blocks: TimeBlocks,
     first = named
     if named.candidate.effect.name in TIME_LIKE:
         distances = rivals(DISTANCE_LIKE, SIMPLER_EFFECT_SHARE if frequency is not None else 1.0)
+        if frequency is None:  # a time and a distance differ in shape: many parameters make up for the wrong one
+            most = named.parameter_count + MAX_FURTHER_PARAMETERS
+            distances = [one for one in distances if one.parameter_count <= most]
         first = min(distances, key=lambda one: (one.parameter_count, one.loss), default=named)
     others = [one for one in verdict.indistinguishable if one is not first]
     if frequency is not None:
