@@ -27,6 +27,8 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
 CONTRACT = {family: set(names.split()) for family, names in FAMILIES.items() if family != "unknown"}
+ADDED = {"friction": {"viscous_friction"}, "load": {"stiffness"}}
+"""Effects that the benchmark of hidden effects does not hide."""
 SHEATHS = tuple(name for name in shipped_names() if name.startswith("tendon_sheath_"))
 LOOPS = ("fig09a_without_feedforward", "fig09b_elementary", "fig16_feedforward_feedback", "sampled_position_loop")
 SLOW_NEEDS = ["effects", "diagrams/*.toml"]
@@ -114,7 +116,7 @@ def test_names_and_families_are_those_that_programs_rely_on():
     found = {}
     for effect in catalogue():
         found.setdefault(effect.family, set()).add(effect.name)
-    assert found == CONTRACT
+    assert found == {k: names | ADDED.get(k, set()) for k, names in CONTRACT.items()}
 
 
 def test_variants_of_one_name_can_be_told_apart():

@@ -17,6 +17,11 @@ MODE_REACH = 20.0
 """Largest swing of a mode when a recording begins [half the range of the input]. Chosen: one of light damping rings."""
 MODE_SHARE = 0.02
 """Trial share of a mode in the output [range of the output over that of the input]. Chosen."""
+MIN_SWINGS = 3.0
+"""Periods of a mode in the shortest experiment, at least. Chosen: of fewer, the initial swing alone draws any slow
+error."""
+NO_PEAK = 0.5**0.5
+"""Damping ratio from which a mode has no peak and is no resonance. Source: |1 / (1 - r^2 + 2 i zeta r)| over r."""
 COARSE_SAMPLING = 0.05
 """Sampling step [s] from which the trial times grow. Chosen: a third of the longest one."""
 
@@ -38,8 +43,9 @@ def _trial_times(name: str, scales: Scales, most: float) -> Trials:
 
 def _frequencies(scales: Scales) -> tuple[list[float], list[float], float, float]:
     """Trial natural frequencies [rad/s]: lines of the residual, and a grid; the slowest and the fastest considered."""
-    slowest, fastest = 2 * math.pi / scales.shortest, 0.35 / scales.step
-    grid = [slowest * 4 * (fastest / (4 * slowest)) ** (k / 8) for k in range(9)]
+    slowest, fastest = 2 * math.pi * MIN_SWINGS / scales.shortest, 0.35 / scales.step
+    first = slowest * 4 / MIN_SWINGS
+    grid = [first * (fastest / first) ** (k / 8) for k in range(9)]
     lines = [2 * math.pi * f for f in scales.lines if slowest < 2 * math.pi * f < fastest]
     return lines[:4], grid, slowest, fastest
 
@@ -50,7 +56,7 @@ def _resonance_trials(scales: Scales) -> Trials:
     # An oscillator with a large initial state and a small share would be a source of its own: it starts at the signal.
     wire = scales.wire
     begins = {"swing": (wire.low - wire.reach, wire.high + wire.reach), "rate": (-wire.fastest, wire.fastest)}
-    return Trials({"share": 1.0}, shapes, bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, 1.5), **begins})
+    return Trials({"share": 1.0}, shapes, bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, NO_PEAK), **begins})
 
 
 def _base_excited_trials(scales: Scales) -> Trials:
@@ -76,6 +82,19 @@ def _rate_dependence_trials(scales: Scales) -> Trials | None:
     return Trials({"coefficient": 0.01}, exponents, fixed, {"exponent": (0.25, 3.0)})
 
 
+DEAD_TIME = Effect(
+    "dead_time",
+    "delay",
+    "a dead time",
+    "output",
+    DeadTime(),
+    {"time": 0.0},
+    ("time",),
+    lambda scales: _trial_times("time", scales, 0.05 * scales.shortest),
+    excites="fast motion, at more than one frequency",
+    confused=("first_order_lag", "resonance", "rate_dependence"),
+    separates="a chirp to the highest frequency the drive can follow",
+)
 LAG = Effect(
     "first_order_lag",
     "delay",
@@ -120,19 +139,9 @@ RATE_DEPENDENCE = Effect(
     within=("exponent",),
 )
 EFFECTS = (
-    Effect(
-        "dead_time",
-        "delay",
-        "a dead time",
-        "output",
-        DeadTime(),
-        {"time": 0.0},
-        ("time",),
-        lambda scales: _trial_times("time", scales, 0.05 * scales.shortest),
-        excites="fast motion, at more than one frequency",
-        confused=("first_order_lag", "resonance", "rate_dependence"),
-        separates="a chirp to the highest frequency the drive can follow",
-    ),
+    DEAD_TIME,
+    # Behind a linear model the same but for the start: there it repeats its first value, here the first command.
+    attrs.evolve(DEAD_TIME, words="a dead time in front of the model", place="input", variant="input"),
     LAG,
     attrs.evolve(LAG, words="two first-order lags in a row", block=TWO_LAGS, variant="twice"),
     RESONANCE,

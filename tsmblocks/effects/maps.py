@@ -26,6 +26,10 @@ from tsmblocks.model.diagram import Diagram
 CURVATURE_SHARE = 0.02
 """Trial deviation from a straight line at the ends, as a share of half the range. Chosen."""
 
+PULL_SHARE = 0.05
+"""Trial force of a stiffness, as a share of the rms drive. Chosen: that of the other forces."""
+REST_REACH = 5.0
+"""Where a spring may rest, from the middle of the motion [half its range]. Chosen: farther off it pulls evenly."""
 MIN_PERIODS = 1.15
 """Periods of a ripple in the range of motion, at least. Chosen: less is a nonlinear characteristic."""
 
@@ -121,6 +125,25 @@ def _subtracted_force(title: str, law: Block) -> Diagram:
         inputs={"u": "left.plus", "x": ["force.u", "added.minus"]},
         outputs={"y": "left"},
     )
+
+
+def _spring_to_rest() -> Diagram:
+    """Drive ``u`` less a force in proportion to the distance of the position ``x`` from where the spring rests."""
+    return Diagram(
+        title="stiffness",
+        blocks={"away": Bias(bias=0.0), "force": Gain(gain=0.0), "left": Sum(signs="+-")},
+        wires=["away -> force -> left.minus"],
+        inputs={"u": "left.plus", "x": "away.u"},
+        outputs={"y": "left"},
+    )
+
+
+def _stiffness_trials(scales: Scales) -> Trials:
+    wire, other = scales.wire, scales.other
+    rests = tuple({"away.bias": -one["centre"]} for one in _centres(scales.of_other))
+    farthest = REST_REACH * other.reach
+    bounds = {"away.bias": (-other.middle - farthest, farthest - other.middle)}
+    return Trials({"force.gain": PULL_SHARE * wire.rms / max(other.rms, 1e-300)}, rests, bounds=bounds)
 
 
 def _slack(side: str) -> Effect:
@@ -276,6 +299,19 @@ EFFECTS = (
     ),
     _spring("even_nonlinearity", "a spring that differs between the two sides", "force.quadratic", "force.cubic", 2),
     _spring("odd_nonlinearity", "a cubic spring", "force.cubic", "force.quadratic", 3),
+    Effect(
+        "stiffness",
+        "load",
+        "a force in proportion to the position (a spring; negative where gravity tips it over)",
+        "load",
+        _spring_to_rest(),
+        {"force.gain": 0.0},
+        ("force.gain", "away.bias"),
+        _stiffness_trials,
+        excites="motion over the whole range, slow and fast",
+        confused=("viscous_friction", "load_offset", "drift"),
+        separates="slow motion to both ends: the force stays where the motion stops",
+    ),
     RIPPLE,
     attrs.evolve(
         RIPPLE,
