@@ -28,7 +28,6 @@ from tsmblocks.diagnosis.forward_selection import (
     accepted_count,
     exchange_effects,
     forward_search,
-    without_undetermined,
 )
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
@@ -47,6 +46,7 @@ from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.summary import DiagnosedPart
 from tsmblocks.diagnosis.time_and_distance import only_frequency
+from tsmblocks.diagnosis.undetermined import without_undetermined
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.fitting.recordings import Data
 from tsmblocks.model.diagram import Diagram

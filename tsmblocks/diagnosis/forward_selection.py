@@ -24,7 +24,6 @@ from tsmblocks.diagnosis.decision import (
     mean_loss,
     shrinkage_of,
 )
-from tsmblocks.diagnosis.determined import is_determined
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import (
@@ -154,12 +153,6 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
     verdict = decide(losses[0], fitted, search.blocks, noise_variance, search.settings.seed)
     verdict = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
     return SearchRound(model, *losses, tuple(scores), verdict)
-
-
-def _is_determined(one: FittedCandidate, model: Model) -> bool:
-    """Whether the parameters of an effect are clear of their null values in a model that holds it."""
-    nulls = {k: null for k, (null, _) in shrinkage_of(one.candidate).items() if np.isfinite(null)}
-    return is_determined(model, one.candidate, nulls)
 
 
 def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list[ScreeningScore]:
@@ -298,29 +291,13 @@ def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> li
     return rounds
 
 
-def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
-    """Rounds in which every accepted effect is determined beside all the others: one that is not is left out."""
-    rounds = list(rounds)
-    for _ in range(MAX_EFFECTS):
-        count = accepted_count(rounds, search)
-        named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
-        open_ones = [one for one in named if not _is_determined(one, rounds[count].base)]
-        if not open_ones:
-            break
-        others = [one for one in named if one is not open_ones[-1]]
-        made, model, shrinkage = _rounds_for(rounds[0].base, others, search)
-        last = search_round(model, shrinkage, search)
-        rounds = [*made, attrs.evolve(last, verdict=attrs.evolve(last.verdict, named=None, indistinguishable=()))]
-    return rounds
-
-
 def _repeated_beside_others(
     rounds: list[SearchRound], k: int, count: int, search: SearchContext
 ) -> list[SearchRound] | None:
     """New rounds, if effect ``k`` would not be named beside the others and they are better; else None."""
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
     this, others = named[k], named[:k] + named[k + 1 :]
-    other_rounds, model, shrinkage = _rounds_for(rounds[0].base, others, search)
+    other_rounds, model, shrinkage = rounds_for(rounds[0].base, others, search)
     again = search_round(model, shrinkage, search)
     new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
     if new is not None and _same_effect(this, new):
@@ -329,7 +306,7 @@ def _repeated_beside_others(
     if new is None:  # beside the others no effect would be named here
         made, least, allowed = [*other_rounds, again], len(other_rounds), MIN_VARIANCE_REDUCTION
     else:
-        made, model, shrinkage = _rounds_for(rounds[0].base, [*named[:k], new, *named[k + 1 :]], search)
+        made, model, shrinkage = rounds_for(rounds[0].base, [*named[:k], new, *named[k + 1 :]], search)
         if len(made) < count:
             return None
         least, allowed = count, INDISTINGUISHABLE_NOISE_SHARE
@@ -346,7 +323,7 @@ def _same_effect(this: FittedCandidate, new: FittedCandidate) -> bool:
     return effect.name == name or name in effect.contains
 
 
-def _rounds_for(
+def rounds_for(
     model: Model, effects: Sequence[FittedCandidate], search: SearchContext
 ) -> tuple[list[SearchRound], Model, Shrinkage]:
     """Rounds that search for these effects only, the model with them, and their shrinkage; without those not named."""

@@ -11,6 +11,7 @@ import numpy as np
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.cross_validation import TimeBlocks, held_out_residuals
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss, ridge_weights, shrinkage_of
+from tsmblocks.diagnosis.determined import held_directions, redundant_parameters
 from tsmblocks.diagnosis.discrimination import separating_experiment
 from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence
 from tsmblocks.diagnosis.forward_selection import (
@@ -176,7 +177,7 @@ def _named(diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diag
         diagnosed.part.name,
         point.words(_with_effects(diagnosed, k, whole_diagram)),
         candidate.block,
-        _quantities(diagnosed.models[-1], candidate.block, candidate.free),
+        _quantities(diagnosed.models, candidate.block, candidate.free),
         float(np.clip(_share_removed(losses, k, diagnosed.noise_variance), 0.0, 1.0)),
         across,
         tuple(name for name in also if name != effect.name),
@@ -205,9 +206,14 @@ def _has_several_experiments(diagnosed: DiagnosedPart) -> bool:
     return len({experiment_of(t.name) for t in diagnosed.models[0].setup.experiments}) > 1
 
 
-def _quantities(model: Model, block: str, free: Sequence[str]) -> dict[str, Quantity]:
-    """The parameters of an effect with confidence intervals that allow for autocorrelated residuals."""
-    estimate = uncertainty(model.J, model.r, model.problem.segments)
+def _quantities(models: Sequence[Model], block: str, free: Sequence[str]) -> dict[str, Quantity]:
+    """The parameters of an effect with confidence intervals that allow for autocorrelated residuals.
+
+    ``models`` are those with no effect (first) to all of them (last); what is redundant in the first is held.
+    """
+    model = models[-1]
+    held = held_directions(model, redundant_parameters(models[0]))
+    estimate = uncertainty(model.J, model.r, model.problem.segments, held=held if len(held) else None)
     low, high = intervals(model.theta, estimate.covariance, estimate.freedom)
     return {
         item.parameter.removeprefix(f"{block}."): Quantity(float(value), float(below), float(above), item.unit)

@@ -1,0 +1,108 @@
+"""Effects that are not determined beside the others, and effects behind parameters that make up for one another."""
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tests.test_exchanging import ONE, Table, names
+from tsmblocks import blocks as b
+from tsmblocks.diagnosis import forward_selection, undetermined
+from tsmblocks.diagnosis.forward_selection import SearchContext, forward_search
+from tsmblocks.diagnosis.noise_floor import NoiseLevel
+from tsmblocks.effects import catalogue
+
+T = np.arange(0.0, 12.0, 0.05)
+
+
+@pytest.fixture
+def left_out(monkeypatch):
+    """What is named on a table in the end, where these effects are not determined in these models."""
+
+    def search(left, open_in):
+        table = Table(left, {}, {})
+        for module in (forward_selection, undetermined):
+            monkeypatch.setattr(module, "search_round", table.search_round)
+        for name in ("converged", "refine_memories", "nearest"):
+            monkeypatch.setattr(forward_selection, name, lambda model: model)
+        monkeypatch.setattr(forward_selection, "with_sufficient_step", lambda model, settings: model)
+        monkeypatch.setattr(forward_selection, "better_base", lambda *_: None)
+        monkeypatch.setattr(forward_selection, "shrinkage_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
+        monkeypatch.setattr(undetermined, "redundant_parameters", lambda model: ())
+        monkeypatch.setattr(undetermined, "held_out_losses", lambda model, *_: (np.array([table.loss(model)]),))
+
+        def is_determined(one, model, redundant):
+            return one.candidate.effect.name not in open_in.get("".join(sorted(model)), "")
+
+        monkeypatch.setattr(undetermined, "_is_determined", is_determined)
+        whole = SearchContext({}, None, table.effects, ONE, NoiseLevel(1.0, 1.0, 1.0), lambda *_: None)
+        rounds = []
+        forward_search(frozenset(), {}, whole, rounds)
+        return names(undetermined.without_undetermined(rounds, whole), whole)
+
+    return search
+
+
+def test_the_next_best_candidate_takes_the_place_of_one_that_is_open(left_out):
+    assert left_out({"": 20, "A": 1.0, "B": 1.2, "C": 9}, {"A": "A"}) == "B"
+
+
+def test_the_last_one_goes_where_it_made_a_better_one_open(left_out):
+    """A explains nearly all; B beside it imitates it, so that the size of A is open, but alone leaves far more."""
+    assert left_out({"": 20, "A": 3.0, "B": 15.0, "AB": 1.0}, {"AB": "A"}) == "A"
+
+
+def test_what_is_determined_stays(left_out):
+    assert left_out({"": 20, "A": 6, "B": 9, "AB": 1.0}, {}) == "AB"
+
+
+def balanced(tipping=0.0, damping=0.0):
+    """A drive, a speed and a position, each with a gain; with a force that tips it over beyond the rest at -0.3."""
+    plain = tsm.Diagram(
+        title="a body that is pushed",
+        blocks={"drive": b.Gain(gain=2.0), "speed": b.Integrator(), "position": b.Integrator()},
+        wires=["drive -> speed -> position"],
+        inputs={"u": "drive.u"},
+        outputs={"x": "position"},
+    )
+    (stiffness,) = (one for one in catalogue() if one.name == "stiffness")
+    (friction, _) = (one for one in catalogue() if one.name == "viscous_friction")
+    true = plain
+    if tipping:
+        true = true.insert("hidden", stiffness.block, before="speed.u", wires=["position -> hidden.x"])
+        true = true.with_parameters({"hidden.force.gain": -tipping, "hidden.away.bias": 0.3})
+    if damping:
+        true = true.insert("hidden", friction.block, before="speed.u", wires=["position -> hidden.x"])
+        true = true.with_parameters({"hidden.friction.gain": damping})
+    records, rng = [], np.random.default_rng(3)
+    for k, sign in enumerate((1.0, -1.0, 0.6)):
+        u = sign * (0.3 * np.sin(1.1 * T) + 0.2 * np.sin(2.7 * T + k)) - 0.15 * tipping
+        run = tsm.simulate(true, inputs={"u": (T, u)}, stop=T[-1], step=0.01, hold="cubic")
+        x = np.interp(T, run.t, run["x"]) + rng.normal(0.0, 0.01, T.size)
+        records.append(tsm.Record(f"run{k}", T, {"u": u, "x": x}, {}))
+    return plain, records
+
+
+FEW = ["stiffness", "viscous_friction", "load_offset", "coulomb_friction", "drift"]
+
+
+def test_a_force_that_tips_over_is_named_behind_gains_that_make_up_for_one_another():
+    """Only the product of the three gains shows; with two of them held, the force has a size and an interval."""
+    plain, records = balanced(tipping=0.2)
+    found = tsm.diagnose(plain, records, noise_floor=0.01, effects=FEW)
+    (effect,) = found.effects
+    assert effect.name == "stiffness"
+    gain, away = effect.parameters["force.gain"], effect.parameters["away.bias"]
+    gains = found.augmented.parameters
+    through = gains["speed.gain"] * gains["position.gain"]
+    assert gain.low * through < -0.2 < gain.high * through
+    assert gain.high < 0
+    assert away.low < 0.3 < away.high
+
+
+def test_viscous_friction_is_named():
+    plain, records = balanced(damping=0.15)
+    found = tsm.diagnose(plain, records, noise_floor=0.01, effects=FEW)
+    (effect,) = found.effects
+    assert effect.name == "viscous_friction"
+    gains = found.augmented.parameters
+    assert effect.parameters["friction.gain"].value * gains["speed.gain"] == pytest.approx(0.15, rel=0.1)

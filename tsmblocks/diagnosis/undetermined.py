@@ -1,0 +1,61 @@
+"""Accepted effects that are not determined beside the others are left out, and what they hid is searched for again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagnosis.decision import FittedCandidate, Shrinkage, held_out_losses, mean_loss, shrinkage_of
+from tsmblocks.diagnosis.determined import is_determined, redundant_parameters
+from tsmblocks.diagnosis.forward_selection import (
+    MAX_EFFECTS,
+    SearchContext,
+    SearchRound,
+    accepted_count,
+    forward_search,
+    rounds_for,
+    search_round,
+)
+from tsmblocks.diagnosis.model import Model
+
+LeftOut = tuple[list[SearchRound], Model, Shrinkage]
+"""The rounds of the effects that stay, the model with them, and their shrinkage."""
+
+
+def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
+    """Rounds in which every accepted effect is determined beside all the others.
+
+    One that is not is left out, or the one that was named last and made it so, whichever leaves less. The search then
+    goes on without its name: the next best candidate has its turn.
+    """
+    rounds, redundant = list(rounds), redundant_parameters(rounds[0].base)
+    for more in reversed(range(MAX_EFFECTS)):
+        named = [one.verdict.named for one in rounds[: accepted_count(rounds, search)] if one.verdict.named is not None]
+        open_ones = [one for one in named if not _is_determined(one, rounds[len(named)].base, redundant)]
+        if not open_ones:
+            break
+        outs = [open_ones[-1]] if named[-1] is open_ones[-1] else [open_ones[-1], named[-1]]
+        left = [rounds_for(rounds[0].base, [one for one in named if one is not out], search) for out in outs]
+        best = int(np.argmin([_loss(one, search) for one in left]))
+        gone, (rounds, model, shrinkage) = outs[best].candidate.effect.name, left[best]
+        search = attrs.evolve(search, effects=[one for one in search.effects if one.name != gone])
+        if more:
+            forward_search(model, shrinkage, search, rounds)
+        else:
+            last = search_round(model, shrinkage, search)
+            rounds.append(attrs.evolve(last, verdict=attrs.evolve(last.verdict, named=None, indistinguishable=())))
+    return rounds
+
+
+def _is_determined(one: FittedCandidate, model: Model, redundant: tuple[str, ...]) -> bool:
+    """Whether the parameters of an effect are clear of their null values in a model that holds it."""
+    nulls = {k: null for k, (null, _) in shrinkage_of(one.candidate).items() if np.isfinite(null)}
+    return is_determined(model, one.candidate, nulls, redundant)
+
+
+def _loss(left: LeftOut, search: SearchContext) -> float:
+    """Held-out loss of the model that stays."""
+    _, model, shrinkage = left
+    return mean_loss(held_out_losses(model, search.blocks, shrinkage)[0], search.blocks)
