@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -14,6 +15,7 @@ from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.insertion_points import InsertionPoint
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.replacements import ReplacementPoint, replacements
 from tsmblocks.effects import Effect, Replacement, Scales, Span, Trials, span_of
 from tsmblocks.model.diagram import Diagram
@@ -44,6 +46,11 @@ class Candidate:
     def free(self) -> tuple[str, ...]:
         """Full names of the fitted parameters of the effect."""
         return tuple(f"{self.block}.{k}" for k in self.effect.free)
+
+    @property
+    def local(self) -> tuple[str, ...]:
+        """Full names of those with a value of their own in each experiment."""
+        return tuple(f"{self.block}.{k}" for k in self.effect.local)
 
     @property
     def replaced(self) -> str:
@@ -113,6 +120,7 @@ def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
         step=max(steps),
         shortest=min(float(t[-1] - t[0]) for t in times),
         lines=spectral_lines(model),
+        one_clock=not _overlap(model),
     )
     return WireSignals(signals, steps, session)
 
@@ -127,21 +135,25 @@ def _inner_signal(diagram: Diagram, signal: str) -> str:
 
 
 def spectral_lines(model: Model) -> tuple[float, ...]:
-    """Frequencies [Hz] of the strongest lines in the residual, over the whole session, strongest first."""
+    """Frequencies [Hz] of the strongest lines in the residual, over the whole session, strongest first.
+
+    Recordings that overlap in time have no common clock: their power spectra are added.
+    """
     experiments, segments = model.setup.experiments, model.problem.segments
     count, step = experiments[0].measured.shape[1], min(one.record.step for one in experiments)
     start, end = min(float(one.t[0]) for one in experiments), max(float(one.t[-1]) for one in experiments)
     size = int((end - start) / step) + 1
     if size > MAX_SPECTRUM_SAMPLES:
         return ()
-    power = np.zeros(1)
+    power, padded = np.zeros(1), 1 << int(4 * size - 1).bit_length()
+    alone = _overlap(model)
     for k in range(count):
-        row = np.zeros(size)
+        sessions = dict[str, np.ndarray]()
         for experiment, rows in zip(experiments, segments[k::count], strict=True):
+            row = sessions.setdefault(experiment_of(experiment.name) if alone else "", np.zeros(size))
             part = model.r[rows]
             row[np.minimum(((experiment.t - start) / step + 0.5).astype(int), size - 1)] = part - part.mean()
-        padded = 1 << int(4 * size - 1).bit_length()
-        power = power + np.abs(np.fft.rfft(row, padded)) ** 2
+        power = power + sum(np.abs(np.fft.rfft(row, padded)) ** 2 for row in sessions.values())
     frequency = np.arange(len(power)) / (padded * step)
     resolution = 2 / (end - start)
     peaks = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
@@ -153,6 +165,17 @@ def spectral_lines(model: Model) -> tuple[float, ...]:
     return tuple(chosen)
 
 
+def _overlap(model: Model) -> bool:
+    """Whether recordings overlap in time, so that their times are not those of one clock."""
+    spans = dict[str, tuple[float, float]]()
+    for one in model.setup.experiments:
+        name, first, last = experiment_of(one.name), float(one.t[0]), float(one.t[-1])
+        low, high = spans.get(name, (first, last))
+        spans[name] = min(low, first), max(high, last)
+    ordered = sorted(spans.values())
+    return any(after[0] < before[1] for before, after in itertools.pairwise(ordered))
+
+
 def candidates(
     model: Model, effects: Sequence[Effect], wires: WireSignals, points: Sequence[InsertionPoint]
 ) -> list[Candidate]:
@@ -162,9 +185,10 @@ def candidates(
     """
     found: list[Candidate] = []
     base, orders = model.fitted_diagram, _available_orders(model)
+    pieces = any(experiment_of(one.name) != one.name for one in model.setup.experiments)
     for effect in effects:
         for point in points:
-            if (point.place, point.adds) != (effect.place, effect.adds):
+            if (point.place, point.adds) != (effect.place, effect.adds) or (pieces and effect.local):
                 continue
             trials = _trials(effect, wires.scales(point))
             if trials is None:

@@ -79,24 +79,31 @@ class FittedCandidate:
     @property
     def disqualifying_bounds(self) -> tuple[str, ...]:
         """Parameters at a bound beyond which the effect is a different one, so that its name does not hold."""
-        return tuple(k for k in self.at_bounds if k in self.candidate.effect.within)
+        effect = self.candidate.effect
+        return tuple(k for k in self.at_bounds if k in effect.within or (k in effect.below and k in self._at_bounds(1)))
 
     @property
     def at_bounds(self) -> tuple[str, ...]:
         """Parameters of the effect that lie at a bound."""
+        return self._at_bounds(0, 1)
+
+    def _at_bounds(self, *sides: int) -> tuple[str, ...]:
+        """Parameters of the effect that lie at a lower bound (0) or at an upper one (1)."""
         unknowns, block, names = self.model.problem.unknowns, self.candidate.block, list[str]()
         for item, value in zip(unknowns.items, self.model.theta, strict=True):
             if item.parameter in self.candidate.free:
                 low = abs(item.low) if abs(item.low) < MAX_FINITE_NULL else 0.0
                 tolerance = BOUND_TOLERANCE * max(low, abs(value), 1e-12)
-                if min(abs(value - item.low), abs(item.high - value)) <= tolerance:
+                away = abs(value - item.low), abs(item.high - value)
+                if min(away[side] for side in sides) <= tolerance:
                     names.append(item.parameter.removeprefix(f"{block}."))
         return tuple(names)
 
     @property
     def parameter_count(self) -> int:
-        """Parameters common to all experiments: initial states make an effect no more complex."""
-        return int(np.sum(~self.model.is_local))
+        """Parameters without initial states, which make an effect no more complex."""
+        items = self.model.problem.unknowns.items
+        return sum(not item.experiment or item.parameter in self.candidate.local for item in items)
 
 
 def held_out_losses(model: Model, blocks: TimeBlocks, shrinkage: Shrinkage) -> tuple[np.ndarray, np.ndarray]:

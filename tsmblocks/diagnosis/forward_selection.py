@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 
 import attrs
@@ -24,6 +25,7 @@ from tsmblocks.diagnosis.decision import (
     mean_loss,
     shrinkage_of,
 )
+from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import (
@@ -75,6 +77,11 @@ MAX_BETTER_BASES = 2
 CLEAR_SIGNIFICANCE = 2.0
 """t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
 Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
+
+
+MIN_GAIN_BESIDE_MOTION = 2.0
+"""Gain of an oscillation at a harmonic of the motion, over what is predicted from the motion, from which it is a
+disturbance all the same. Chosen: more than half of it is then no function of the motion."""
 
 
 @attrs.frozen(eq=False)
@@ -141,11 +148,13 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
         models.append(min(ends, key=lambda m: m.mean_square))
     least = min((one.mean_square for one in models), default=0.0)
     models = [refine_memories(m, 1) if m.mean_square <= MEMORY_SEARCH_RATIO * least else m for m in models]
-    limits = critical_gains(scores)
+    limits, by_motion = critical_gains(scores), functools.cache(lambda: _predicted_gain(model, search))
     fitted = []
     for score, m in zip(chosen, models, strict=True):
         gain = (model.mean_square - m.mean_square) * len(model.r)
-        tenable = gain > limits[is_of_time(score.candidate)] and not follows_motion(m, score.candidate)
+        tenable = gain > limits[is_of_time(score.candidate)] and not (
+            follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion()
+        )
         fitted.append(fitted_candidate(score.candidate, m, search.blocks, shrinkage, tenable))
     losses = held_out_losses(model, search.blocks, shrinkage)
     best = min((one.loss for one in fitted if one.tenable and np.isfinite(one.loss)), default=np.inf)
@@ -153,6 +162,11 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
     verdict = decide(losses[0], fitted, search.blocks, noise_variance, search.settings.seed)
     verdict = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
     return SearchRound(model, *losses, tuple(scores), verdict)
+
+
+def _predicted_gain(model: Model, search: SearchContext) -> float:
+    """Fall of the sum of squares [noise variances] by what is predicted from the motion, held out."""
+    return max(model.mean_square - evidence(model, search.settings.seed).rest, 0.0) * len(model.r)
 
 
 def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list[ScreeningScore]:

@@ -213,8 +213,11 @@ def pose_extended(
     settings: ModelSettings,
     bounds: Mapping[str, Any] | None = None,
     begins: Iterable[str] = (),
+    own: Iterable[str] = (),
 ) -> tuple[Problem, Setup]:
     """The problem of a diagram with more blocks than a model: the model's unknowns, and ``more`` of the added blocks.
+
+    Those of ``more`` that are named in ``own`` have a value in each experiment.
 
     Unknowns of the model that the diagram does not have, since one of its blocks is replaced, are left out. Initial
     states of the added blocks, and those named in ``begins``, are unknowns of each experiment, as those of the model
@@ -224,8 +227,9 @@ def pose_extended(
     diagram = with_initial_values(diagram) if settings.start_states else diagram
     known, had = diagram.parameters, {*model.setup.eq.x, *model.diagram.parameters}
     items = tuple(item for item in items if item.parameter in known)
-    free = list(dict.fromkeys([*(item.parameter for item in items if not item.experiment), *more]))
-    local = list(dict.fromkeys(item.parameter for item in items if item.experiment))
+    added, own = [k for k in more if k not in own], [k for k in more if k in own]
+    free = list(dict.fromkeys([*(item.parameter for item in items if not item.experiment), *added]))
+    local = list(dict.fromkeys([*(item.parameter for item in items if item.experiment), *own]))
     if settings.start_states:
         states = [*(k for k in equations(diagram).x if k in known), *_initial_lists(diagram), *begins]
         states = [k for k in states if k not in had or k in begins]

@@ -114,7 +114,8 @@ def screening_score(
     trials, states = candidate.trials, candidate.initialised_states
     named = {f"{candidate.block}.{k}": pair for k, pair in trials.bounds.items()}
     bounds = {k: v for k, v in named.items() if settings.start_states or k in candidate.free}  # else fixed
-    problem, setup = pose_extended(model, candidate.diagram, candidate.free, records, settings, bounds, states)
+    own = candidate.local
+    problem, setup = pose_extended(model, candidate.diagram, candidate.free, records, settings, bounds, states, own)
     screening = _Screening(candidate, problem, model, base, _starting_values(problem, model, candidate, wires))
     shape_trials = screening.evaluated(trials.shapes, noise)
     noise_gains = np.max([one.noise_gains for one in shape_trials], axis=0)
@@ -164,10 +165,25 @@ class _Screening:
             for i, weight in enumerate(self.problem.weights)
         )
 
+    @property
+    def sizes(self) -> tuple[tuple[str, float], ...]:
+        """Each size of the effect and its trial value: one for each experiment (``name@experiment``), where local."""
+        local, names = self.candidate.effect.local, self.problem.unknowns.experiments
+        return tuple(
+            (f"{name}@{own}" if own else name, value)
+            for name, value in self.candidate.trials.strengths.items()
+            for own in (names if name in local else ("",))
+        )
+
     def evaluated(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> list[_ShapeTrial]:
         """Every shape with its optimum size, and with its gains in the surrogates ``noise`` (N, D)."""
+        if self.candidate.local and len(shapes) > 1:  # many sizes: one shape after another, for memory
+            return [one for shape in shapes for one in self.evaluated([shape], noise)]
         single = [{name: size} for name, size in self.candidate.trials.strengths.items()] or [{}]
         changes = self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
+        if self.candidate.local:
+            changes = self._by_experiment(changes)
+            single = [{name: size} for name, size in self.sizes]
         wide = np.ascontiguousarray(changes.T)
         inside = self.base.basis.transposed_times(changes)
         gradient = np.array([np.einsum("i,i->", row, self.model.r) for row in wide])
@@ -195,11 +211,26 @@ class _Screening:
         return np.where(g[:, 0] < 0, gains, 0.0) if one_way else gains
 
     def _unknowns_at(self, numbers: Mapping[str, float]) -> np.ndarray:
-        theta = self.starting_values.copy()
+        theta, items = self.starting_values.copy(), self.problem.unknowns.items
         for name, value in numbers.items():
-            k = self.problem.unknowns.names.index(f"{self.candidate.block}.{name}")
-            theta[k] = np.clip(value, self.problem.unknowns.low[k], self.problem.unknowns.high[k])
+            full = f"{self.candidate.block}.{name}"
+            for k, item in enumerate(items):
+                if full in (item.parameter, item.name):
+                    theta[k] = np.clip(value, item.low, item.high)
         return theta
+
+    def _by_experiment(self, changes: np.ndarray) -> np.ndarray:
+        """Changes (N, strengths) as (N, sizes): those of a local strength for each experiment alone."""
+        owner = np.empty(len(changes), dtype=int)
+        segments = iter(self.problem.segments)
+        for e, _ in enumerate(self.problem.experiments):
+            for _ in self.problem.weights:
+                owner[next(segments)] = e
+        columns = []
+        for name, column in zip(self.candidate.trials.strengths, changes.T, strict=True):
+            local = name in self.candidate.effect.local
+            columns += [np.where(owner == e, column, 0.0) for e in range(owner.max() + 1)] if local else [column]
+        return np.stack(columns, axis=1)
 
     def _changes(self, sets: list[np.ndarray]) -> np.ndarray:
         """Change of the weighted outputs against the base, shape (N, sets)."""
@@ -224,7 +255,7 @@ class _Screening:
         """
         strengths = self.candidate.trials.strengths
         size = self._sizes(g, m) if strengths else np.ones(1)
-        numbers = {k: s * v for (k, v), s in zip(strengths.items(), size, strict=False)}
+        numbers = {k: s * v for (k, v), s in zip(self.sizes, size, strict=False)}
         base_fixed, unknowns = self._unknowns_at({**shape, **numbers}), self.problem.unknowns
         shift = dict(zip(self.model.problem.unknowns.names, -self.base.turn @ (inside @ size), strict=True))
         moved = [item.experiment or not self.candidate.owns(item.parameter) for item in unknowns.items]
@@ -237,8 +268,14 @@ class _Screening:
         if not strengths:  # the size is part of the shape: predict the gain of another one
             gain = max(gain, fall(np.clip(-g / max(m[0, 0], 1e-300), 0.0, MAX_EXTRAPOLATION)))
         theta = np.clip(theta, unknowns.low, unknowns.high)
-        exceeds_range = bool(np.abs(z[:, 0]).max(initial=0.0) > self.output_range)
-        return _ShapeTrial(gain, theta, shape, z @ size, float(m[0, 0]), exceeds_range, base_fixed)
+        first = len(self.problem.unknowns.experiments) if self._first_is_local else 1
+        exceeds_range = bool(np.abs(z[:, :first]).max(initial=0.0) > self.output_range)
+        return _ShapeTrial(gain, theta, shape, z @ size, float(m[:first, :first].sum()), exceeds_range, base_fixed)
+
+    @property
+    def _first_is_local(self) -> bool:
+        """Whether the first strength has a value of its own in each experiment."""
+        return next(iter(self.candidate.trials.strengths), "") in self.candidate.effect.local
 
     def _sizes(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
         """Factors on the trial sizes, within bounds."""
@@ -249,7 +286,7 @@ class _Screening:
             size = -np.linalg.lstsq(m + ridge, g, rcond=None)[0]
         size = np.clip(size, -MAX_SIZE_FACTOR, MAX_SIZE_FACTOR)
         unknowns = self.problem.unknowns
-        for j, (name, unit) in enumerate(self.candidate.trials.strengths.items()):
+        for j, (name, unit) in enumerate(self.sizes):
             k = unknowns.names.index(f"{self.candidate.block}.{name}")
             size[j] = np.clip(size[j] * unit, unknowns.low[k], unknowns.high[k]) / unit
         return size

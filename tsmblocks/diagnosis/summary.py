@@ -210,14 +210,16 @@ def _quantities(models: Sequence[Model], block: str, free: Sequence[str]) -> dic
     """The parameters of an effect with confidence intervals that allow for autocorrelated residuals.
 
     ``models`` are those with no effect (first) to all of them (last); what is redundant in the first is held.
+    Parameters with a value in each experiment come last.
     """
     model = models[-1]
     held = held_directions(model, redundant_parameters(models[0]))
     estimate = uncertainty(model.J, model.r, model.problem.segments, held=held if len(held) else None)
     low, high = intervals(model.theta, estimate.covariance, estimate.freedom)
+    every = zip(model.problem.unknowns.items, model.theta, low, high, strict=True)
     return {
-        item.parameter.removeprefix(f"{block}."): Quantity(float(value), float(below), float(above), item.unit)
-        for item, value, below, above in zip(model.problem.unknowns.items, model.theta, low, high, strict=True)
+        item.name.removeprefix(f"{block}."): Quantity(float(value), float(below), float(above), item.unit)
+        for item, value, below, above in sorted(every, key=lambda one: bool(one[0].experiment))
         if item.parameter in free
     }
 
@@ -271,7 +273,7 @@ def _fitted_row(
     """A candidate that was fitted."""
     verdict, blocks, block = searched.verdict, diagnosed.blocks, one.candidate.block
     items = {
-        item.parameter.removeprefix(f"{block}."): item
+        item.name.removeprefix(f"{block}."): item
         for item in one.model.problem.unknowns.items
         if item.parameter in one.candidate.free
     }

@@ -76,6 +76,8 @@ class Scales:
         Length [s] of the shortest experiment.
     lines : tuple of float, default ()
         Frequencies [Hz] of the strongest spectral lines of the residual, strongest first.
+    one_clock : bool, default True
+        Whether the times of all experiments may be those of one clock: False where two experiments overlap in time.
     """
 
     wire: Span
@@ -85,6 +87,7 @@ class Scales:
     step: float
     shortest: float
     lines: tuple[float, ...] = ()
+    one_clock: bool = True
 
     @property
     def of_other(self) -> Scales:
@@ -187,6 +190,10 @@ class Effect:
         States of the block whose initial value is that of the wire.
     within : tuple of str, default ()
         Parameters that must not be at a bound for the name to hold.
+    below : tuple of str, default ()
+        Parameters that must not be at their upper bound for the name to hold.
+    local : tuple of str, default ()
+        Parameters with a value of their own in each experiment: strengths of its trials.
     contains : tuple of str, default ()
         Effects that are special cases of it.
     reads : str, default ""
@@ -233,6 +240,8 @@ class Effect:
     within: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
     reads: str = ""
+    below: tuple[str, ...] = ()
+    local: tuple[str, ...] = ()
     adds: Callable[[Diagram, str], Diagram] | None = attrs.field(default=None, repr=False)
 
     @property
@@ -274,9 +283,19 @@ def across(effect: Effect, name: str, variant: str) -> Effect:
         return None if own is None else own.under(name)
 
     null = {f"{name}.{k}": value for k, value in effect.null.items()}
-    free, within = (tuple(f"{name}.{k}" for k in names) for names in (effect.free, effect.within))
+    kept = (effect.free, effect.within, effect.below, effect.local)
+    free, within, below, local = (tuple(f"{name}.{k}" for k in names) for names in kept)
     return attrs.evolve(
-        effect, place="across", block=block, null=null, free=free, trials=trials, variant=variant, within=within
+        effect,
+        place="across",
+        block=block,
+        null=null,
+        free=free,
+        trials=trials,
+        variant=variant,
+        within=within,
+        below=below,
+        local=local,
     )
 
 
@@ -305,13 +324,14 @@ def _faults(effect: Effect) -> Iterator[str]:
 def parameter_faults(effect: Effect) -> Iterator[str]:
     """What is wrong with the parameters that an effect names."""
     numbers, states = parameters_of(effect.block), _states(effect.block)
-    yield from _unknown((*effect.null, *effect.free, *effect.within), numbers, "its block has no parameter '{}'.")
+    yield from _unknown((*effect.null, *effect.free), numbers, "its block has no parameter '{}'.")
     for name, value in effect.null.items():
         if numbers[name] != value:
             yield f"its block must be at its null, and {name} is {numbers[name]:g} instead of {value:g}."
     if not effect.free:
         yield "none of its parameters is fitted; name parameters of its block in free."
-    yield from _unknown(effect.within, effect.free, "within names '{}', which is not free to be fitted.")
+    for what in ("within", "below", "local"):
+        yield from _unknown(getattr(effect, what), effect.free, f"{what} names '{{}}', which is not free to be fitted.")
     yield from _unknown(effect.settled, states, "its block has no state '{}' to initialise.")
 
 
@@ -342,6 +362,8 @@ def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
             ("bounds", trials.bounds, (*free, *_states(effect.block))),
         ):
             yield from _unknown(names, known, f"{what} of its trials name '{{}}', which is not free to be fitted.")
+        for name in (k for k in effect.local if k not in trials.strengths):
+            yield f"'{name}' has a value of its own in each experiment, so it must be a strength of its trials."
         for name in (k for k in trials.fixed if k in free):
             yield f"its trials fix '{name}', which is free to be fitted; a parameter is one or the other."
         yield from _unknown(trials.fixed, numbers, "its trials fix '{}', which is no parameter of its block.")

@@ -146,6 +146,11 @@ def _stiffness_trials(scales: Scales) -> Trials:
     return Trials({"force.gain": PULL_SHARE * wire.rms / max(other.rms, 1e-300)}, rests, bounds=bounds)
 
 
+def _in_front(effect: Effect) -> Effect:
+    """The variant of an effect that acts on the input, before all that the model holds."""
+    return attrs.evolve(effect, words=f"{effect.words}, in front of the model", place="input", variant="input")
+
+
 def _slack(side: str) -> Effect:
     def trials(scales: Scales) -> Trials:
         low, high, reach = scales.wire.low, scales.wire.high, scales.wire.reach
@@ -217,6 +222,7 @@ SOFT_DEAD_ZONE = Effect(
     confused=("odd_nonlinearity", "backlash"),
     separates="a slow ramp over the full range: a dead zone takes the same way back",
     variant="soft",
+    below=("softness",),  # one as soft as that is a smooth characteristic
 )
 ODD = Effect(
     "odd_nonlinearity",
@@ -229,6 +235,19 @@ ODD = Effect(
     _odd_trials,
     excites="large and small amplitudes",
     confused=("saturation", "position_ripple"),
+    separates="a slow ramp over the full range",
+)
+EVEN = Effect(
+    "even_nonlinearity",
+    "map",
+    "a characteristic bent the same way at both ends",
+    "output",
+    Bend(),
+    {"quadratic": 0.0, "quartic": 0.0},
+    ("quadratic", "quartic"),
+    _even_trials,
+    excites="the full range",
+    confused=("dead_zone", "asymmetric_hysteresis", "position_ripple"),
     separates="a slow ramp over the full range",
 )
 RIPPLE = Effect(
@@ -265,6 +284,7 @@ EFFECTS = (
     SOFT_DEAD_ZONE,
     attrs.evolve(SOFT_DEAD_ZONE, words="a dead zone in front of the model", place="input", variant="input"),
     SATURATION,
+    _in_front(SATURATION),
     attrs.evolve(SATURATION, place="drive", variant="drive"),
     attrs.evolve(
         SATURATION,
@@ -274,20 +294,10 @@ EFFECTS = (
         trials=_soft_saturation_trials,
         variant="soft",
     ),
-    Effect(
-        "even_nonlinearity",
-        "map",
-        "a characteristic bent the same way at both ends",
-        "output",
-        Bend(),
-        {"quadratic": 0.0, "quartic": 0.0},
-        ("quadratic", "quartic"),
-        _even_trials,
-        excites="the full range",
-        confused=("dead_zone", "asymmetric_hysteresis", "position_ripple"),
-        separates="a slow ramp over the full range",
-    ),
+    EVEN,
+    _in_front(EVEN),
     ODD,
+    _in_front(ODD),
     attrs.evolve(
         ODD,
         words="a characteristic with another slope in the middle than at the ends",
@@ -313,6 +323,7 @@ EFFECTS = (
         separates="slow motion to both ends: the force stays where the motion stops",
     ),
     RIPPLE,
+    _in_front(RIPPLE),
     attrs.evolve(
         RIPPLE,
         null=dict.fromkeys(TWO_HARMONICS, 0.0),

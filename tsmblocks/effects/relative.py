@@ -106,7 +106,7 @@ class Replacement(Effect):
         As for ``Effect``.
     separates, variant : str, default ""
         As for ``Effect``.
-    settled, within, contains : tuple of str, default ()
+    settled, within, contains, below, local : tuple of str, default ()
         As for ``Effect``.
     reads : str, default ""
         Not used.

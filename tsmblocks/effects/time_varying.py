@@ -70,6 +70,29 @@ def _soft_rate_limit_trials(scales: Scales) -> Trials:
     return Trials({}, shapes, bounds={**hard.bounds, **soft})
 
 
+def _own(effect: Effect) -> Effect:
+    """The variant of an effect with a size of its own in each recording, for recordings that share no clock."""
+    return attrs.evolve(
+        effect,
+        trials=lambda scales: None if scales.one_clock else effect.trials(scales),
+        variant=f"{effect.variant}, own sizes".lstrip(", "),
+        local=tuple(effect.null),
+    )
+
+
+JUMP = Effect(
+    "jump",
+    "time",
+    "a jump (lost counts)",
+    "output",
+    blocks.Jump(),
+    {"size": 0.0},
+    ("size", "time"),
+    lambda scales: _instant_trials(scales, {"size": 0.02 * scales.wire.reach}, {}),
+    excites="samples before and after it",
+    confused=("drift", "parameter_change"),
+    separates="a reference mark passed again",
+)
 GAIN_CHANGE = Effect(
     "parameter_change",
     "time",
@@ -135,20 +158,10 @@ EFFECTS = (
         confused=("jump", "creep", "parameter_change"),
         separates="the first experiment repeated at the end",
     ),
-    Effect(
-        "jump",
-        "time",
-        "a jump (lost counts)",
-        "output",
-        blocks.Jump(),
-        {"size": 0.0},
-        ("size", "time"),
-        lambda scales: _instant_trials(scales, {"size": 0.02 * scales.wire.reach}, {}),
-        excites="samples before and after it",
-        confused=("drift", "parameter_change"),
-        separates="a reference mark passed again",
-    ),
+    JUMP,
+    _own(JUMP),
     GAIN_CHANGE,
+    _own(GAIN_CHANGE),
     attrs.evolve(
         GAIN_CHANGE,
         words="a gain that drifts",
@@ -176,6 +189,7 @@ EFFECTS = (
         within=("time_constant",),
     ),
     DISTURBANCE,
+    _own(DISTURBANCE),
     attrs.evolve(DISTURBANCE, place="drive", variant="drive"),
     RATE_LIMIT,
     attrs.evolve(RATE_LIMIT, place="drive", variant="drive"),
