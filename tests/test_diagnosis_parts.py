@@ -398,6 +398,13 @@ def test_the_frequency_of_what_is_left(frequency):
     assert spectral_lines(fitted(records=records))[0] == pytest.approx(frequency, abs=0.02)
 
 
+def test_recordings_of_no_common_clock_add_their_power():
+    """Two recordings that both begin at zero, with a disturbance of opposite sign: it must not cancel."""
+    signs = iter([1.0, -1.0, 1.0, -1.0])
+    records = recordings(more=lambda t, y: y + next(signs) * 0.02 * np.sin(2 * np.pi * 3.37 * t))
+    assert spectral_lines(fitted(records=records))[0] == pytest.approx(3.37, abs=0.02)
+
+
 # ---- blocks held out
 
 
@@ -558,11 +565,11 @@ def test_chance_passes_the_line_one_time_in_twenty():
 
 def stand_in(losses, count=2, edge=np.inf, name="some", contains=()):
     """A candidate by its losses alone; its first unknown is zero, and its lowest value ``-edge``."""
-    items = [SimpleNamespace(parameter=f"b.p{k}", low=-edge, high=np.inf) for k in range(count)]
+    items = [SimpleNamespace(parameter=f"b.p{k}", low=-edge, high=np.inf, experiment="") for k in range(count)]
     problem = SimpleNamespace(unknowns=SimpleNamespace(items=items))
-    model = SimpleNamespace(theta=np.zeros(count), is_local=np.zeros(count, bool), problem=problem)
-    effect = SimpleNamespace(name=name, within=("p0",), contains=contains)
-    candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"))
+    model = SimpleNamespace(theta=np.zeros(count), problem=problem)
+    effect = SimpleNamespace(name=name, within=("p0",), below=(), contains=contains)
+    candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"), local=())
     return FittedCandidate(candidate, model, losses, losses, float(np.mean(losses)))
 
 
@@ -643,8 +650,11 @@ def test_a_general_form_that_does_no_better_is_no_other_name():
 def test_start_values_make_no_effect_less_simple():
     part, base = even(60), 3.0 + NOISE[0]
     best, started = stand_in(1.0 + NOISE[1], 3), stand_in(1.0 + NOISE[1] + 0.5 * INDISTINGUISHABLE_NOISE_SHARE, 12)
-    started.model.is_local[2:] = True
+    for item in started.model.problem.unknowns.items[2:]:
+        item.experiment = "run"
     assert decide(base, [best, started], part, 1.0, 0).named is started
+    started.candidate.local = tuple(item.parameter for item in started.model.problem.unknowns.items[2:])
+    assert decide(base, [best, started], part, 1.0, 0).named is best  # sizes of each experiment do
 
 
 def test_what_scatters_is_not_named():
@@ -667,6 +677,14 @@ def test_what_ran_into_the_bound_of_its_name_is_not_named():
     assert decide(base, [out, near], part, 1.0, 0).out_of_bounds_loss == np.inf
     assert decide(base, [far], part, 1.0, 0).named is far
     assert decide(base, [out], part, 1.0, 0).named is None
+
+
+def test_some_parameters_must_not_be_at_their_upper_bound_only():
+    one = stand_in(1.0 + NOISE[1])
+    one.candidate.effect.within, one.candidate.effect.below = (), ("p0",)
+    item = one.model.problem.unknowns.items[0]
+    for item.low, item.high, disqualifying in ((0.0, 1.0, ()), (-1.0, 0.0, ("p0",)), (-1.0, 1.0, ())):
+        assert one.disqualifying_bounds == disqualifying
 
 
 def test_what_ran_away_is_left_out():

@@ -70,7 +70,9 @@ def scales(diagram, site, done):
         return span_of([RICH], [STEP]) if signal in diagram.inputs else span_of([done[signal]], [step])
 
     wire = span(site.signal)
-    return Scales(wire, span(site.other) if site.other else wire, 0.0, done.t[-1], step, done.t[-1], (0.7, 3.1))
+    return Scales(
+        wire, span(site.other) if site.other else wire, 0.0, done.t[-1], step, done.t[-1], (0.7, 3.1), one_clock=False
+    )
 
 
 def edits(name):
@@ -166,8 +168,8 @@ SPANS = st.builds(
     st.floats(1, 10),
 )
 SCALES = st.builds(
-    lambda wire, other, start, length, step, share, lines: Scales(
-        wire, other, start, start + length, step, share * length, tuple(lines)
+    lambda wire, other, start, length, step, share, lines, one_clock: Scales(
+        wire, other, start, start + length, step, share * length, tuple(lines), one_clock
     ),
     SPANS,
     SPANS,
@@ -176,6 +178,7 @@ SCALES = st.builds(
     st.floats(1e-3, 0.02),
     st.floats(0.3, 1),
     st.lists(st.floats(0.3, 20), max_size=6),
+    st.booleans(),
 )
 
 
@@ -185,9 +188,9 @@ SCALES = st.builds(
 def test_what_is_tried_fits_the_block_and_its_bounds(effect, scales):
     trials = effect.trials(scales)
     if trials is None:
-        assert effect.name == "periodic_disturbance"
-        assert not scales.lines
+        assert (effect.name == "periodic_disturbance" and not scales.lines) or (effect.local and scales.one_clock)
         return
+    effect.accepts(trials)
     shaped = set().union(*trials.shapes)
     assert set(trials.strengths) | shaped == set(effect.free)
     assert set(trials.strengths) <= set(effect.null) | set(effect.free)

@@ -134,6 +134,53 @@ def test_a_harmonic_of_the_motion_is_no_disturbance_and_another_frequency_is():
         assert found.verdict == ("named" if own else "unknown")
 
 
+def without_clock(records, change):
+    """Recordings that all begin at zero, each with a change of its output of its own: ``change(k, t, y)``."""
+    result = {}
+    for k, (name, one) in enumerate(records.items()):
+        t = one.t - one.t[0]
+        result[name] = tsm.Record(name, t, {"x_in": one["x_in"], "x_out": change(k, t, one["x_out"])}, one.units)
+    return result
+
+
+def test_a_disturbance_has_a_phase_of_its_own_where_recordings_share_no_clock():
+    phase = (0.3, 2.0, 3.9, 5.5)
+    records = without_clock(recordings("white", 5), lambda k, t, y: y + SIGMA * np.sin(2 * np.pi * 1.37 * t + phase[k]))
+    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), records, effects=["periodic_disturbance", "jump"])
+    (one,) = found.effects
+    assert one.name == "periodic_disturbance"
+    assert next(iter(one.parameters)) == "frequency"
+    assert one.parameters["frequency"].value == pytest.approx(1.37, abs=0.01)
+    for k, name in enumerate(records):
+        size = np.hypot(one.parameters[f"cosine@{name}"].value, one.parameters[f"sine@{name}"].value)
+        angle = np.arctan2(one.parameters[f"cosine@{name}"].value, one.parameters[f"sine@{name}"].value)
+        assert size == pytest.approx(SIGMA, rel=0.2)
+        assert np.cos(angle - phase[k]) > 0.95
+
+
+def test_a_change_in_one_recording_alone_is_named_with_its_size_there():
+    records = without_clock(recordings("white", 6), lambda k, t, y: y * np.where((k == 1) & (t > 9.3), 1.02, 1.0))
+    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), records, effects=["parameter_change", "jump", "drift"])
+    (one,) = found.effects
+    assert one.name == "parameter_change"
+    assert one.parameters["time"].value == pytest.approx(9.3, abs=0.5)
+    sizes = {name: one.parameters[f"change@{name}"] for name in records}
+    assert sizes["run 1"].low < 0.02 < sizes["run 1"].high
+    assert all(abs(q.value) < 0.005 for name, q in sizes.items() if name != "run 1")
+
+
+def test_a_disturbance_at_a_harmonic_that_no_function_of_the_motion_predicts_is_one():
+    """The motion has lines at 0.4 Hz; breathing at 1.2 Hz drifts in phase against it."""
+    t = np.arange(0.0, 60.0, STEP)
+    x = 20 * DEG * np.sin(2 * np.pi * 0.4 * t)
+    draw, records = np.random.default_rng(0), {}
+    for k in range(4):
+        y = 0.9 * x + SIGMA * (3 * np.sin(2 * np.pi * 1.2 * t + 1.6 * k) + draw.standard_normal(len(t)))
+        records[f"r{k}"] = tsm.Record(f"r{k}", t, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
+    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), records, effects=["periodic_disturbance", "jump"])
+    assert [e.name for e in found.effects] == ["periodic_disturbance"]
+
+
 def test_slow_noise_is_none_and_says_what_would_tell():
     found = tsm.diagnose(tsm.load("tendon_sheath_linear"), recordings("slow", 3), effects=["backlash", "jump", "drift"])
     assert found.verdict == "none"

@@ -190,14 +190,14 @@ class Effect:
         States of the block whose initial value is that of the wire.
     within : tuple of str, default ()
         Parameters that must not be at a bound for the name to hold.
-    below : tuple of str, default ()
-        Parameters that must not be at their upper bound for the name to hold.
-    local : tuple of str, default ()
-        Parameters with a value of their own in each experiment: strengths of its trials.
     contains : tuple of str, default ()
         Effects that are special cases of it.
     reads : str, default ""
         For the wire of one diagram: the signal that drives the input ``x`` of the block.
+    below : tuple of str, default ()
+        Parameters that must not be at their upper bound for the name to hold.
+    local : tuple of str, default ()
+        Parameters with a value of their own in each experiment: strengths of its trials.
     adds : callable, optional
         For the wire of one diagram: what else changes, a function from the diagram with the block in it, and the
         block's name, to a diagram.

@@ -106,10 +106,12 @@ class Replacement(Effect):
         As for ``Effect``.
     separates, variant : str, default ""
         As for ``Effect``.
-    settled, within, contains, below, local : tuple of str, default ()
+    settled, within, contains : tuple of str, default ()
         As for ``Effect``.
     reads : str, default ""
         Not used.
+    below, local : tuple of str, default ()
+        As for ``Effect``.
     adds : callable, optional
         Not used.
     relative : Relative
