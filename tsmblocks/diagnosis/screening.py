@@ -177,13 +177,21 @@ class _Screening:
 
     def evaluated(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> list[_ShapeTrial]:
         """Every shape with its optimum size, and with its gains in the surrogates ``noise`` (N, D)."""
-        if self.candidate.local and len(shapes) > 1:  # many sizes: one shape after another, for memory
-            return [one for shape in shapes for one in self.evaluated([shape], noise)]
         single = [{name: size} for name, size in self.candidate.trials.strengths.items()] or [{}]
         changes = self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
-        if self.candidate.local:
-            changes = self._by_experiment(changes)
-            single = [{name: size} for name, size in self.sizes]
+        if not self.candidate.local:
+            return self._sized_trials(shapes, changes, noise)
+        parts = np.split(changes, len(shapes), axis=1)  # one after another: an experiment has sizes of its own
+        every = (
+            self._sized_trials([one], self._by_experiment(part), noise) for one, part in zip(shapes, parts, strict=True)
+        )
+        return [one for (one,) in every]
+
+    def _sized_trials(
+        self, shapes: Sequence[Mapping[str, float]], changes: np.ndarray, noise: np.ndarray | None
+    ) -> list[_ShapeTrial]:
+        """Every shape with its optimum size, by the changes (N, shapes times sizes) at its trial sizes."""
+        count = changes.shape[1] // len(shapes)
         wide = np.ascontiguousarray(changes.T)
         inside = self.base.basis.transposed_times(changes)
         gradient = np.array([np.einsum("i,i->", row, self.model.r) for row in wide])
@@ -191,7 +199,7 @@ class _Screening:
         by_noise = None if noise is None else noise.T @ changes.astype(noise.dtype)
         results = []
         for k, shape in enumerate(shapes):
-            mine = slice(k * len(single), (k + 1) * len(single))
+            mine = slice(k * count, (k + 1) * count)
             whole = product(wide[mine], changes[:, mine])
             m = whole - inside[:, mine].T @ inside[:, mine]
             trial = self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine])
