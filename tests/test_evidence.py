@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Bias, Ripple
+from tsmblocks.blocks import Bias, Play, Ripple
 from tsmblocks.diagnosis.determined import is_determined
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.model import ModelSettings, calibrate
+from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.surrogates import rolled, stretches_of, without_phase
 
 DEG = np.pi / 180
@@ -132,6 +133,21 @@ def test_a_harmonic_of_the_motion_is_no_disturbance_and_another_frequency_is():
         found = tsm.diagnose(tsm.load("tendon_sheath_linear"), record, effects=["periodic_disturbance", "jump"])
         assert [e.name for e in found.effects] == ["periodic_disturbance"] * own
         assert found.verdict == ("named" if own else "unknown")
+
+
+def test_a_gap_in_front_of_the_model_as_small_as_the_noise_of_its_input_may_only_filter_it():
+    half_width = 0.2 * DEG
+    worn = tsm.load("tendon_sheath_linear").insert("gap", Play(half_width=half_width), after="x_in")
+    model = fitted(recordings("white", 7, gap), worn)
+    width = model.values["gap.half_width"]
+    loop = SimpleNamespace(family="loop")
+    some = SimpleNamespace(effect=loop, block="gap", point=SimpleNamespace(place="input", signal="x_in"))
+    assert filters_noise(model, some, {"x_in": width})
+    assert not filters_noise(model, some, {"x_in": 0.3 * width})
+    assert not filters_noise(model, some, {"x_in": 0.0})
+    assert not filters_noise(model, some, {})
+    behind = SimpleNamespace(effect=loop, block="gap", point=SimpleNamespace(place="output", signal="x_in"))
+    assert not filters_noise(model, behind, {"x_in": width})
 
 
 def without_clock(records, change):

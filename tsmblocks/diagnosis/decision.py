@@ -66,7 +66,8 @@ class FittedCandidate:
 
     ``losses`` (B,) are the held-out losses by time blocks, ``experiment_losses`` (B,) those with whole experiments held
     out; ``loss`` is the mean of ``losses`` over all samples. ``tenable`` is False where
-    noise with the spectrum of the residual would let the best candidate remove as much, or it follows the motion.
+    noise with the spectrum of the residual would let the best candidate remove as much, it follows the motion, or it
+    filters no more than the noise of an input.
     """
 
     candidate: Candidate

@@ -31,7 +31,13 @@ from tsmblocks.diagnosis.forward_selection import (
 )
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
-from tsmblocks.diagnosis.noise_floor import lowered_noise_floors, noise_floors, noise_level, propagated_input_noise
+from tsmblocks.diagnosis.noise_floor import (
+    input_noise_rms,
+    lowered_noise_floors,
+    noise_floors,
+    noise_level,
+    propagated_input_noise,
+)
 from tsmblocks.diagnosis.partition import (
     MAX_GROWN_ERROR,
     Part,
@@ -227,9 +233,9 @@ def _diagnosed(
         inputs = tuple(part.diagram.inputs) if request.condition else ()
         input_noise, predicted = propagated_input_noise(base, raw, inputs, settings.seed), evidence(base, settings.seed)
         noise = noise_level(floors, input_noise, predicted.rest)
-        driven = [k for k in next(iter(records.values())).units if k not in settings.outputs]
-        blocks, line = time_blocks(base.problem), only_frequency(records, driven)
-        search = SearchContext(records, settings, request.effects, blocks, noise, progress, line)
+        blocks, line = time_blocks(base.problem), only_frequency(records, tuple(part.diagram.inputs))
+        removed = input_noise_rms(part.diagram, records, raw, inputs)
+        search = SearchContext(records, settings, request.effects, blocks, noise, progress, line, removed)
         forward_search(base, {}, search, rounds)
         rounds = without_undetermined(exchange_effects(rounds, search), search)
         count = accepted_count(rounds, search)

@@ -37,6 +37,7 @@ from tsmblocks.diagnosis.model import (
     optimized,
     with_sufficient_step,
 )
+from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
 from tsmblocks.diagnosis.oscillation import follows_motion
 from tsmblocks.diagnosis.replacements import replacement_points
@@ -117,7 +118,8 @@ class SearchContext:
     """What all rounds share: recordings, model settings, effects, time blocks, noise.
 
     ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback. ``only_frequency``
-    is the one frequency [Hz] of all recordings, None where there are several.
+    is the one frequency [Hz] of all recordings, None where there are several. ``input_noise`` is the rms noise that was
+    filtered out of each input.
     """
 
     records: Mapping[str, Record]
@@ -127,6 +129,7 @@ class SearchContext:
     noise: NoiseLevel
     progress: ProgressCallback
     only_frequency: float | None = None
+    input_noise: Mapping[str, float] = attrs.field(factory=dict)
 
     @property
     def noise_variance(self) -> float:
@@ -152,9 +155,9 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
     fitted = []
     for score, m in zip(chosen, models, strict=True):
         gain = (model.mean_square - m.mean_square) * len(model.r)
-        tenable = gain > limits[is_of_time(score.candidate)] and not (
-            follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion()
-        )
+        of_motion = follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion()
+        filters = filters_noise(m, score.candidate, search.input_noise)
+        tenable = gain > limits[is_of_time(score.candidate)] and not of_motion and not filters
         fitted.append(fitted_candidate(score.candidate, m, search.blocks, shrinkage, tenable))
     losses = held_out_losses(model, search.blocks, shrinkage)
     best = min((one.loss for one in fitted if one.tenable and np.isfinite(one.loss)), default=np.inf)

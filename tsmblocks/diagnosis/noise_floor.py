@@ -192,6 +192,20 @@ def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iter
     return total / count if count else 0.0
 
 
+def input_noise_rms(
+    diagram: Diagram, clean: Mapping[str, Record], raw: Mapping[str, Record], inputs: Iterable[str]
+) -> dict[str, float]:
+    """Rms of the white noise that was filtered out of each input, in its unit in the diagram, the largest of all."""
+    result = dict.fromkeys(inputs, 0.0)
+    for name, record in clean.items():
+        before = evenly_sampled(raw[name])
+        for key in (k for k in result if k in record and len(before) == len(record)):
+            unit = diagram.unit(key)
+            removed = before.values(key, unit) - record.values(key, unit)
+            result[key] = max(result[key], _white_noise_rms(removed))
+    return result
+
+
 def _noisy(clean: Record, raw: Record, names: tuple[str, ...], draw: np.random.Generator) -> Record | None:
     """A conditioned record with new noise on its inputs; None where nothing was filtered out."""
     raw, more = evenly_sampled(raw), {}

@@ -1,0 +1,33 @@
+"""Memories in front of a model that do no more than to take the noise of its input away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.model import Model
+
+MIN_CHANGE_OF_INPUT = 2.0
+"""Change of an input by a memory in front of the model [rms noise of the input] below which it may be one that only
+takes noise away. Chosen: noise stays within twice its rms for 95 % of the time, and so within the memory."""
+
+
+def filters_noise(model: Model, candidate: Candidate, input_noise: Mapping[str, float]) -> bool:
+    """Whether a loop in front of the model changes the input by no more than the noise of its measurement.
+
+    A gap passes on no motion that is smaller than itself. Where the mechanism did not have the noise that was recorded,
+    such a gap improves the simulation and is not there. ``input_noise`` is the rms noise by input.
+    """
+    noise = input_noise.get(candidate.point.signal, 0.0)
+    if candidate.point.place != "input" or candidate.effect.family != "loop" or not noise:
+        return False
+    columns = tuple(model.setup.eq.y.index(k) for k in (candidate.point.signal, f"{candidate.block}.y"))
+    squares = count = 0.0
+    for e, experiment in enumerate(model.setup.experiments):
+        own = attrs.evolve(experiment, columns=columns).outputs(model.problem.unknowns.parameters(model.theta, e))
+        change = own[:, 1] - own[:, 0]
+        squares, count = squares + float(change @ change), count + len(change)
+    return bool(np.sqrt(squares / count) < MIN_CHANGE_OF_INPUT * noise)
