@@ -44,7 +44,7 @@ from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, ScreeningScore, screening_score
 from tsmblocks.diagnosis.surrogates import surrogates
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
-from tsmblocks.effects import Effect, Relative, Replacement
+from tsmblocks.effects import REPLACED, Effect, Relative, Replacement
 from tsmblocks.fitting.column_space import column_space
 
 SURROGATES = 99
@@ -215,10 +215,14 @@ def critical_gains(scores: Sequence[ScreeningScore]) -> dict[bool, float]:
 
 
 def _worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: SearchContext) -> list[ScreeningScore]:
-    """The best candidates: a few in any case, more where their score is near the best or could be material."""
+    """The best candidates: a few in any case, more where their score is near the best or could be material.
+
+    Replacements are chosen in addition: they begin at no null, so that their score says less of what they reach.
+    """
     best = scores[0].gain if scores else 0.0
     least = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
-    first = scores[:MAX_FITTED_CANDIDATES]
+    rest = scores[MAX_FITTED_CANDIDATES:]
+    first = [*scores[:MAX_FITTED_CANDIDATES], *(one for one in rest if one.candidate.effect.place == REPLACED)]
     return [score for k, score in enumerate(first) if k < MIN_FITTED_CANDIDATES or score.gain > least]
 
 
