@@ -82,13 +82,14 @@ def test_a_gap_is_named_first_on_every_bend_and_foretells_the_second_cycle(sheat
         assert later[1] < 1.25 < 7.0 < later[0]
 
 
-def test_the_model_of_the_paper_lacks_a_gap_or_several(sheath, request):
-    """Memory of earlier reversals is a sum of gaps; at 120 deg the width of a single one is not determined."""
+def test_the_model_of_the_paper_lacks_the_flat_tops_of_a_gap(sheath, request):
+    """A gap with rounded corners takes the place of its loop, or is indistinguishable from what does."""
     found = rows(sheath, "tendon_sheath_asymmetric")
     whole = request.node.callspec.params["sheath"] is None
     assert [bend for bend, _, _, _ in found] == ([0, 120] if whole else [0])
-    for bend, (before, after, held_before, held_after), names, _ in found:
-        assert names[0] == {0: "backlash", 120: "hysteresis"}[bend]
+    for _, (before, after, held_before, held_after), names, also in found:
+        assert names[0].endswith("hysteresis" if whole else "backlash")
+        assert not whole or "hysteresis" in (names[0], *also.split(", "))
         assert after < before / 2
         assert held_after < held_before / 2
 

@@ -20,6 +20,9 @@ from tsmblocks.diagnosis.forward_selection import (
 )
 from tsmblocks.diagnosis.model import Model
 
+MAX_TURNS = 2
+"""Times that the search goes on without an effect that was left out. Chosen: for the run time."""
+
 LeftOut = tuple[list[SearchRound], Model, Shrinkage]
 """The rounds of the effects that stay, the model with them, and their shrinkage."""
 
@@ -41,7 +44,7 @@ def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -
         best = int(np.argmin([_loss(one, search) for one in left]))
         gone, (rounds, model, shrinkage) = outs[best].candidate.effect.name, left[best]
         search = attrs.evolve(search, effects=[one for one in search.effects if one.name != gone])
-        if more:
+        if more >= MAX_EFFECTS - MAX_TURNS:
             forward_search(model, shrinkage, search, rounds)
         else:
             last = search_round(model, shrinkage, search)
