@@ -186,6 +186,19 @@ def test_wires_of_a_motor():
     ]
 
 
+def test_wires_of_a_motor_in_front_of_an_elastic_shaft():
+    """The force on the motor moves the motor, whose position is no output; what moves the shaft is nearer."""
+    shaft = tsm.blocks.SecondOrderLag(omega=30.0, zeta=0.08)
+    drive = tsm.load("motor_linear").insert("shaft", shaft, after="motor.y")
+    found = where(drive, ["x"])
+    assert ("load", "x", "motor.y", "shaft.y", "motor.y -> shaft.u") in found
+    assert ("drive", "x", "u", "", "u -> motor.u") in found
+    assert ("load", "x", "u", "motor.y", "u -> motor.u") in found
+    assert len(found) == len(where(tsm.load("motor_linear"), ["x"])) + 2
+    assert integration_count(drive, "motor.y", before="motor.u", after="") == 2
+    assert integration_count(drive, "motor.y", before="shaft.u", after="") == -1
+
+
 def test_wires_of_a_motor_whose_speed_is_measured():
     """One integration lies between a force and the speed: dry friction has its wire there as well."""
     spinning = tsm.load("motor_linear").rewire(outputs={"v": "motor.v"})

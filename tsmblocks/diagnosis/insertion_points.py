@@ -122,6 +122,9 @@ def insertion_points(
         if signal != source:  # an output that is its own drive has no drive in front of it
             found.append(InsertionPoint("drive", name, signal, before=drive))
             found.append(InsertionPoint("brake" if speed else "load", name, signal, other=source, before=drive))
+        for port, moved in _inner_drives(diagram, name, drive):
+            found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
+            found.append(InsertionPoint("load", name, source_of(diagram, port), other=moved, before=port))
     loads = {point.before for point in found if point.place == "load"}
     found = [point for point in found if point.place != "brake" or point.before not in loads]
     drives = {point.signal for point in found if point.place == "drive"}
@@ -202,8 +205,21 @@ def _upstream(diagram: Diagram, block: str) -> Iterator[str]:
         todo += [head for head in dict.fromkeys(x.source[0] for x in into) if head not in todo]
 
 
+def _inner_drives(diagram: Diagram, output: str, nearest: str) -> Iterator[tuple[str, str]]:
+    """Ports farther from an output than the ``nearest`` drive that move a signal of their own block as a force does.
+
+    With that signal: the motor in front of an elastic shaft has friction, and a load, of its own.
+    """
+    ports = list(_upstream(diagram, diagram.shown[output][0]))
+    for port in ports[ports.index(nearest) + 1 :] if nearest in ports else ():
+        head = port.partition(".")[0]
+        for moved in dict.fromkeys(".".join(x.source) for x in diagram.links if x.source[0] == head):
+            if integration_count(diagram, moved, before=port, after="") >= FORCE_TO_POSITION:
+                yield port, moved
+
+
 def integration_count(diagram: Diagram, output: str, *, before: str, after: str) -> int:
-    """Integrations between a wire and an output: 0 for direct feedthrough, -1 where the wire does not reach it.
+    """Integrations between a wire and an output, or a signal: 0 for direct feedthrough, -1 where it does not reach it.
 
     From the sparsity of the equations. Memory that is updated between steps counts as one integration.
     """
@@ -212,7 +228,10 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
     except TsmError:
         return -1
     rows = _dependencies(eq)
-    goal = ("y", eq.y.index(eq.aliases[output]))
+    signal = eq.aliases.get(output, output)
+    if signal not in eq.y:  # of a diagram that is used as a block
+        return -1
+    goal = ("y", eq.y.index(signal))
     front = {("p", eq.p.index(f"{PROBE_BLOCK}.bias"))}
     known = set(front)
     for degree in range(len(eq.x) + len(eq.d) + 1):
