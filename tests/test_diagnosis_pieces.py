@@ -23,15 +23,15 @@ x = "motor.y"
 )
 
 
-def recording(seed, friction):
-    """A motor with dry friction [V] by a plain loop."""
+def recording(seed, friction, limit=np.inf):
+    """A motor with dry friction [V] by a plain loop; its amplifier saturates smoothly at a limit [V]."""
     draw, h = np.random.default_rng(seed), STEP / FINE
     t = np.arange(0.0, 10.0, h)
     f, phase = draw.uniform(0.2, 2.5, 6), draw.uniform(0, 2 * np.pi, 6)
     u = np.sum(0.8 * np.cos(2 * np.pi * f * t[:, None] + phase) * np.sqrt(f), axis=1)
     slow, at = friction * GAIN / LAG * h, np.empty_like(t)
     v = x = 0.0
-    for k, force in enumerate(u.tolist()):
+    for k, force in enumerate((u / np.sqrt(1 + (u / limit) ** 2)).tolist()):
         at[k] = x
         new = v + h * (GAIN * force - v) / LAG
         new = float(np.sign(new)) * max(abs(new) - slow, 0.0)
@@ -68,3 +68,11 @@ def test_pieces_are_tried_from_the_longest_that_cuts_a_recording():
     for length, count in ((16.0, 2), (4.0, 10), (1.0, 40)):
         pieces, windows = split_into_pieces({"one": one}, 0.0, length)
         assert len(pieces) == len(windows) == count
+
+
+def test_a_smooth_saturation_of_the_amplifier_is_named():
+    """A hard one leaves most of it, and drag that grows with the speed less."""
+    runs = [recording(seed, 0.0, limit=10.0) for seed in (4, 5, 6)]
+    (effect,) = diagnosed(*runs, effects=("saturation", "quadratic_drag")).effects
+    assert (effect.name, effect.wire) == ("saturation", "u -> motor.u")
+    assert "softness" in effect.parameters

@@ -209,6 +209,14 @@ SATURATION = Effect(
     separates="two amplitudes",
     variant="output",
 )
+SOFT_SATURATION = attrs.evolve(
+    SATURATION,
+    words="a soft saturation",
+    block=SoftSaturation(low=-math.inf, high=math.inf),
+    free=("low", "high", "softness"),
+    trials=_soft_saturation_trials,
+    variant="soft",
+)
 SOFT_DEAD_ZONE = Effect(
     "dead_zone",
     "map",
@@ -286,14 +294,8 @@ EFFECTS = (
     SATURATION,
     _in_front(SATURATION),
     attrs.evolve(SATURATION, place="drive", variant="drive"),
-    attrs.evolve(
-        SATURATION,
-        words="a soft saturation",
-        block=SoftSaturation(low=-math.inf, high=math.inf),
-        free=("low", "high", "softness"),
-        trials=_soft_saturation_trials,
-        variant="soft",
-    ),
+    SOFT_SATURATION,
+    attrs.evolve(SOFT_SATURATION, place="drive", variant="soft drive"),
     EVEN,
     _in_front(EVEN),
     ODD,
