@@ -14,25 +14,34 @@ import casadi as ca
 
 from tsmblocks.compiler.evaluate import Evaluator
 from tsmblocks.compiler.flatten import FlatDiagram, is_held_output
-from tsmblocks.engine.equations import LAG, RHS, START, UPDATE, Equations
+from tsmblocks.compiler.loops import Closure, functions
+from tsmblocks.engine.equations import LAG, START, Equations
+from tsmblocks.engine.loops import LoopForms
 from tsmblocks.model.diagram import Diagram
 
 
-def compile_diagram(diagram: Diagram) -> Equations:
+def compile_diagram(diagram: Diagram, *, refuse_loops: bool = False) -> Equations:
     """Equations of a diagram, as CasADi functions (see ``Equations``).
 
     ``between`` forms all signals between samples, for ``rhs``; a second evaluator forms them at a sample instant, for
-    ``update``. Raises AlgebraicLoop, EquationError or DiagramError, naming the place.
+    ``update``. With ``refuse_loops`` an algebraic loop is an error. Raises AlgebraicLoop, EquationError or DiagramError, naming the place.
     """
     flat = FlatDiagram(diagram)
-    between = Evaluator(flat, held=True)
+    between = Evaluator(flat, held=True, refuse=refuse_loops)
     between.form(("y", path, port) for path, block in flat.blocks.items() for port in block.outports)
     between.form(("dx", *key) for key in flat.x)
     signals = _signals(flat, between)
     update = _update(flat, between)  # may add derivatives of inputs that nothing else needs
     pasts, value, p = flat.pasts.values(), between.value, _column(list(flat.p.values()))
-    results = ([value["dx", *key] for key in flat.x], list(signals.values()), [value[one.source] for one in pasts])
-    rhs = ca.Function("rhs", _reads(flat, between), [_column(part) for part in results], *RHS)
+    rates = [value["dx", *key] for key in flat.x]
+    results = [_column(part) for part in (rates, list(signals.values()), [value[one.source] for one in pasts])]
+    reads = _reads(flat, between)
+    loops = [Closure(between, 0)]
+    rhs = functions("rhs", reads, results, loops[0])
+    at_samples = (None, None, None)
+    if update is not None:
+        loops.append(Closure(update[0], loops[0].count))
+        at_samples = functions("update", [*reads, update[0].hit], update[1], loops[1])
     begin = (_initial(flat, flat.x), _initial(flat, flat.d), [one.initial for one in pasts])
     start = ca.Function("start", [p], [ca.densify(_column(values)) for values in begin], *START)
     lag = ca.Function("lag", [p], [ca.densify(_column([one.delay for one in pasts]))], *LAG)
@@ -45,8 +54,8 @@ def compile_diagram(diagram: Diagram) -> Equations:
         y=tuple(signals),
         q=tuple(".".join(k) for k in flat.pasts),
         min_delay_steps=tuple(0 if one.past.now else 1 for one in pasts),
-        rhs=rhs,
-        update=update,
+        rhs=rhs[0],
+        update=at_samples[0],
         start=start,
         lag=lag,
         periods=tuple(flat.periods),
@@ -56,6 +65,8 @@ def compile_diagram(diagram: Diagram) -> Equations:
         every_step=any(not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()),
         reads={k: (type(b).__name__, flat.reads(k)) for k, b in flat.blocks.items()},
         sampled={k: flat.periods[group] for k, group in flat.group.items()},
+        loops=tuple(loop for closure in loops for loop in closure.loops),
+        forms=LoopForms((rhs[1], at_samples[1]), (rhs[2], at_samples[2])) if any(c.size for c in loops) else None,
     )
 
 
@@ -64,12 +75,12 @@ def _reads(flat: FlatDiagram, evaluator: Evaluator) -> list[Any]:
     return [flat.t, *map(_column, (*evaluator.symbols(), list(flat.p.values())))]
 
 
-def _update(flat: FlatDiagram, between: Evaluator) -> Any:
-    """Memory and states after a sample instant, as a function; None when nothing is updated."""
+def _update(flat: FlatDiagram, between: Evaluator) -> tuple[Evaluator, list[Any]] | None:
+    """Memory and states after a sample instant, and what formed them; None when nothing is updated."""
     if not (flat.d or flat.resets):
         return None
-    d_next, x_next, hit = Evaluator(flat, held=False, share=between).updates()
-    return ca.Function("update", [*_reads(flat, between), hit], [_column(d_next), _column(x_next)], *UPDATE)
+    evaluator = Evaluator(flat, held=False, refuse=between.refuse, share=between)
+    return evaluator, [_column(part) for part in evaluator.updates()]
 
 
 def _initial(flat: FlatDiagram, keys: Iterable[tuple[str, ...]]) -> list[Any]:

@@ -2,8 +2,9 @@
 
 A node is an output of a block, the derivative of a state, the time derivative of a signal, or a past value. It is
 formed when all nodes that it reads are formed. A node that is needed while it is being formed is part of an algebraic
-loop, and the stack is the path of the loop. There is no recursion, so chains may be long. Past values are expressions
-of what the engine stores of a signal.
+loop, and the stack is the path of the loop: the loop is torn there, that is, the node is a symbol for what reads it,
+and its own expression is kept to be solved (``loops``). There is no recursion, so chains may be long. Past values are
+expressions of what the engine stores of a signal.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import itertools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import attrs
 import casadi as ca
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
@@ -22,6 +24,17 @@ from tsmblocks.model.block import signals
 
 _PENDING = ca.SX.sym("pending")
 """Placeholder of an input that has not been formed."""
+_RATE_OF = {"x": "dx", "loop": "rate"}
+"""Kind of the node that is the time derivative of a symbol."""
+
+
+@attrs.define(eq=False)
+class Tear:
+    """A signal at which a loop is torn: its symbol, the signals around the loop, and its own ``expression``."""
+
+    symbol: Any
+    path: list[str]
+    expression: Any = None
 
 
 class Evaluator:
@@ -30,13 +43,17 @@ class Evaluator:
     Between samples the outputs of sampled blocks are symbols, the values held; at a sample instant they are computed
     anew. ``share`` is an evaluator whose symbols this one uses, so that the expressions of both belong together.
 
-    ``value`` holds the nodes that have been formed. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and
+    ``value`` holds the nodes that have been formed, ``tears`` those at which loops are torn; with ``refuse`` a loop is an
+    error. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and
     their derivatives, ``q`` of the stored past of delayed signals, ``hit`` whether each rate group is sampled now;
     ``owner`` maps a symbol (its hash) to what it denotes.
     """
 
-    def __init__(self, flat: FlatDiagram, *, held: bool, share: Evaluator | None = None) -> None:
-        self.flat, self.held = flat, held
+    def __init__(
+        self, flat: FlatDiagram, *, held: bool, refuse: bool = False, share: Evaluator | None = None
+    ) -> None:
+        self.flat, self.held, self.refuse = flat, held, refuse
+        self.tears: dict[Node, Tear] = {}
         if share is None:
             self.x = {k: ca.SX.sym(".".join(k)) for k in flat.x}
             self.d = {k: ca.SX.sym(flat.d_name(k)) for k in flat.d}
@@ -52,8 +69,8 @@ class Evaluator:
 
     # ---- results, for ``compile``
 
-    def updates(self) -> tuple[list[Any], list[Any], Any]:
-        """Memory and held outputs after a sample instant, continuous states after it, and ``hit``."""
+    def updates(self) -> tuple[list[Any], list[Any]]:
+        """Memory and held outputs after a sample instant, and continuous states after it."""
         flat = self.flat
         fresh: dict[tuple[str, ...], Any] = {}
         for path, shape in flat.structures.items():
@@ -64,7 +81,7 @@ class Evaluator:
         fresh |= {(*key, "held"): self.value["y", *key] for key in held}
         d = [fresh[key] for key in flat.d]
         x = [fresh.get(key, self.x[key]) for key in flat.x]
-        return d, x, self.hit
+        return d, x
 
     def _updated(self, path: str) -> dict[tuple[str, ...], Any]:
         """New memory of one block; a sampled block keeps its own between samples."""
@@ -105,9 +122,27 @@ class Evaluator:
                     del place[node]
                     continue
                 if missing in place:
-                    self._raise_loop([*stack[place[missing] :], missing])
+                    self._tear([*stack[place[missing] :], missing])
+                    continue
                 place[missing] = len(stack)
                 stack.append(missing)
+
+    def _tear(self, nodes: list[Node]) -> None:
+        """Tear a loop at the node where it closes. Raises AlgebraicLoop where loops are refused."""
+        node = nodes[-1]
+        if self.refuse:
+            self._raise_loop(nodes)
+        symbol = ca.SX.sym(f"loop at {self._named(node)}")
+        self.tears[node] = Tear(symbol, self._loop_path(nodes))
+        self.value[node] = symbol
+        self.owner[symbol.element_hash()] = ("loop", node)
+
+    def _set(self, node: Node, value: Any) -> None:
+        """Keep what has been formed."""
+        if node in self.tears:
+            self.tears[node].expression = value
+        else:
+            self.value[node] = value
 
     def _form(self, node: Node) -> Iterable[Node]:
         """Form a node and return nothing; or, where it cannot be formed yet, return the nodes that it needs first."""
@@ -116,7 +151,7 @@ class Evaluator:
         if node[0] == "past":
             return self._form_past(node)
         if node[0] == "tape":
-            self.value[node] = self._input_symbol((*node, 0))
+            self._set(node, self._input_symbol((*node, 0)))
             return ()
         kind, path, name = node
         flat, shape = self.flat, self.flat.structures[path]
@@ -145,11 +180,12 @@ class Evaluator:
         needs = shape.outputs if kind == "y" else shape.rates
         result = self._call(path, EQUATIONS[kind], values)
         for name, wanted in needs.items():
-            if wanted <= ready and (kind, path, name) not in self.value:
+            node = (kind, path, name)
+            if wanted <= ready and (node not in self.value or node in self.tears):
                 value = result[name]
                 if kind == "y" and path in flat.group:
                     value = ca.if_else(self.hit[flat.group[path]], value, self.d[path, name, "held"])
-                self.value[kind, path, name] = value
+                self._set(node, value)
 
     def _form_past(self, node: Node) -> Iterable[Node]:
         """A past value; where the present value takes part in it, that is formed first."""
@@ -158,10 +194,10 @@ class Evaluator:
             return (one.source,)
         first = None if one.past.first else one.initial
         if one.past.now:
-            self.value[node] = interpolated_past(kept, t, one.delay, first, self.value[one.source])
+            self._set(node, interpolated_past(kept, t, one.delay, first, self.value[one.source]))
         else:
             made = held_past if self._constant_within_steps(one.source) else interpolated_past
-            self.value[node] = made(kept, t, one.delay, first)
+            self._set(node, made(kept, t, one.delay, first))
         return ()
 
     def _constant_within_steps(self, source: Node) -> bool:
@@ -186,14 +222,17 @@ class Evaluator:
         source: Node = node[1:]
         if source not in self.value:
             return (source,)
-        expression = self.value[source]
+        expression = self.tears[source].expression if source in self.tears else self.value[source]
+        if expression is None:  # it is being formed: its derivative would be part of it
+            self._raise_loop([node, source, node])
         symbols = ca.symvar(expression)
         owners = [self.owner.get(s.element_hash(), ("p",)) for s in symbols]
-        missing = [("dx", *o[1]) for o in owners if o[0] == "x" and ("dx", *o[1]) not in self.value]
+        needs = [(_RATE_OF[o[0]], *o[1]) for o in owners if o[0] in _RATE_OF]
+        missing = [n for n in needs if n not in self.value]
         if missing:
             return missing
         rates = [self._symbol_rate(owner, source) for owner in owners]
-        self.value[node] = ca.jtimes(expression, ca.vertcat(ca.SX(0, 1), *symbols), ca.vertcat(ca.SX(0, 1), *rates))
+        self._set(node, ca.jtimes(expression, ca.vertcat(ca.SX(0, 1), *symbols), ca.vertcat(ca.SX(0, 1), *rates)))
         return ()
 
     def _symbol_rate(self, owner: tuple[Any, ...], source: Node) -> Any:
@@ -201,8 +240,8 @@ class Evaluator:
         kind = owner[0]
         if kind == "t":
             return ca.SX(1)
-        if kind == "x":
-            return self.value["dx", *owner[1]]
+        if kind in _RATE_OF:
+            return self.value[_RATE_OF[kind], *owner[1]]
         if kind == "input":
             *name, order = owner[1]
             return self._input_symbol((*name, order + 1))
@@ -267,6 +306,11 @@ class Evaluator:
 
     def _raise_loop(self, nodes: list[Node]) -> None:
         """Raise AlgebraicLoop with the path of the loop."""
+        path = self._loop_path(nodes)
+        raise AlgebraicLoop(self.flat.title, [self._loop_text(path, nodes)], self.flat.where, path)
+
+    def _loop_path(self, nodes: list[Node]) -> list[str]:
+        """Signals around a loop, in the direction of flow."""
         path: list[str] = []
         for node in reversed(nodes):
             signal = self._named(node) if node[0] == "rate" else f"{node[1]}.{node[2]}"
@@ -274,7 +318,7 @@ class Evaluator:
                 path.append(signal)
         if len(path) == 1 or path[0] != path[-1]:
             path.append(path[0])
-        raise AlgebraicLoop(self.flat.title, [self._loop_text(path, nodes)], self.flat.where, path)
+        return path
 
     def _loop_text(self, path: list[str], nodes: list[Node]) -> str:
         """The message of a loop, with the remedy for its kind."""

@@ -34,7 +34,7 @@ class CompiledKernel(Kernel):
         settings[:2] = steps.h, steps.t0
         counts = (steps.k0, steps.n, int(steps.final), steps.every, steps.skip, memory.mask)
         settings[2:].view(np.int64)[:] = (*counts, *steps.hits)
-        arrays = (settings, memory.x, memory.d, memory.p, u, memory.ring, y, np.empty(self.work))
+        arrays = (settings, memory.x, memory.d, memory.p, u, memory.ring, y, np.empty(self.work), memory.loops)
         table = np.array([a.ctypes.data for a in arrays], dtype=np.uintp)
         self.function(table.ctypes.data)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from math import inf, nan
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES
 from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, KernelFrame
+from tsmblocks.engine.loops import STATISTICS, Loop, region
 from tsmblocks.engine.plan import Layout, Plan
 
 COMMON = ("t", "h", "u", "hit")
@@ -49,13 +51,15 @@ class CasadiKernel(Kernel):
             self.bound.append(buffer)
             return call
 
-        here = ("y", "s")
+        here = ("y", "s", *(("new_loops",) if plan.loops else ()))
         self.signals = function(*here) if plan.wide_s else function(*here, "ahead")
         self.step: Any = function("ahead") if plan.wide_s else None
-        self.update: Any = function("new_d", "new_x") if plan.update is not None else None
+        self.solves, renewed = bool(plan.loops), ("new_d", "new_x", *(("renewed_loops",) if plan.loops else ()))
+        self.update: Any = function(*renewed) if plan.update is not None else None
         self.lag: Any = plan.lag.map(plan.lanes) if plan.wide_s else None
         layouts = (self.layout_x, self.layout_d, self.layout_p, self.layout_y)
         self.places = {name: _places(layout) for name, layout in zip("xdpy", layouts, strict=True)}
+        self.places["loops"] = _places(self.layout_loops)
         self.lock = threading.Lock()  # the arrays are shared between runs
 
     def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
@@ -64,7 +68,7 @@ class CasadiKernel(Kernel):
 
     def _advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
         a, first, last, t0, h = self.arrays, steps.k0, steps.k0 + steps.n, steps.t0, steps.h
-        for name in "xdp":
+        for name in ("x", "d", "p", "loops"):
             a[name][:] = getattr(memory, name)[self.places[name][0]]
         a["h"].fill(h)
         past = _DelayLine(self, memory, steps) if self.step is not None else None
@@ -81,6 +85,8 @@ class CasadiKernel(Kernel):
             if update is not None:
                 self._update(k, steps.hits)
             signals()
+            if self.solves:
+                a["loops"][:] = a["new_loops"]
             if left == 0:
                 y[row] = logged if alone else logged[order]
                 row, left = row + 1, every
@@ -90,7 +96,7 @@ class CasadiKernel(Kernel):
                     past.store(k)
                     self.step()
                 x[:] = ahead
-        for name in "xd":
+        for name in ("x", "d", "loops"):
             getattr(memory, name)[:] = a[name].reshape(-1)[self.places[name][1]]
 
     def _update(self, k: int, hits: tuple[int, ...]) -> None:
@@ -100,6 +106,8 @@ class CasadiKernel(Kernel):
         if self.plan.every_step or a["hit"].any():
             self.update()
             a["d"][:], a["x"][:] = a["new_d"], a["new_x"]
+            if self.solves:
+                a["loops"][:] = a["renewed_loops"]
 
 
 class _DelayLine:
@@ -133,17 +141,50 @@ class _DelayLine:
             self.arrays["q"][:, DELAY_NUMBERS * j : DELAY_NUMBERS * (j + 1)] = made.T
 
 
+class Solving:
+    """Calls of functions that solve loops, each from the last solutions; ``loops`` are these and their statistics."""
+
+    def __init__(self, solved: Sequence[Loop], loops: Any) -> None:
+        self.solved, self.loops = solved, loops
+
+    def call(self, f: Any, arguments: list[Any]) -> list[Any]:
+        """The results of a function, apart from the solutions."""
+        if "guess" not in f.name_in():
+            return list(f.call(arguments))
+        at_samples, parts, place = f.name() == "update", ca.vertsplit(self.loops), 0
+        own, guess = [], []
+        for loop in self.solved:
+            if loop.at_samples == at_samples:
+                own.append((place, loop.size))
+                guess += parts[place : place + loop.size]
+            place += region(loop)
+        *results, roots = f.call([*arguments, ca.vertcat(*guess)])
+        done = 0
+        for place, n in own:
+            *root, count = ca.vertsplit(roots[done : done + n + 1])
+            done += n + 1
+            times, iterations, most, failed = parts[place + n : place + n + len(STATISTICS)]
+            failure = ca.if_else(root[0] <= inf, 0, 1)  # NaN is not
+            statistics = [times + 1, iterations + count, ca.fmax(most, count), failed + failure]
+            parts[place : place + n + len(STATISTICS)] = [*root, *statistics]
+        self.loops = ca.vertcat(*parts)
+        return results
+
+
 def _expressions(plan: Plan, jumps: bool) -> tuple[dict[str, Any], dict[str, Any]]:
     """Symbols and results of one step of the method; ``u`` and ``q`` hold values at each instant of the method.
 
     Results: ``ahead`` are the states after the step, ``y`` the signals to log, ``s`` those to delay; ``new_d`` and
     ``new_x`` are memory and states after an update.
     """
-    f, method, count = plan.rhs, plan.method, len(plan.method.instants)
+    method, count = plan.method, len(plan.method.instants)
+    f = plan.rhs
     size = {k: f.size1_in(k) for k in "xduqp"}
     sizes = {"t": 1, "h": 1, **size, "u": count * size["u"], "q": count * size["q"], "hit": plan.groups}
+    sizes["loops"] = sum(map(region, plan.loops))
     symbols = {k: ca.SX.sym(k, n) for k, n in sizes.items()}
-    t, h, x, d, u, q, p, hit = symbols.values()
+    t, h, x, d, u, q, p, hit, loops = symbols.values()
+    solving = Solving(plan.loops, loops)
 
     def arguments(offset: float, ahead: Any) -> list[Any]:
         """Arguments of the equations at a stage; the end of a step is moved just before a jump with time."""
@@ -152,21 +193,23 @@ def _expressions(plan: Plan, jumps: bool) -> tuple[dict[str, Any], dict[str, Any
         inputs, past = (v[i * size[k] : (i + 1) * size[k]] for k, v in (("u", u), ("q", q)))
         return [now - hair if jumps and offset == 1 else now, ahead, d, inputs, past, p]
 
-    dx, y, s = f.call(arguments(0.0, x))
+    dx, y, s = solving.call(f, arguments(0.0, x))
     rates = [dx]
     for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
         ahead = x
         for a, rate in zip(row, rates, strict=True):
             ahead = ahead + h * a * rate if a else ahead
-        rates.append(f.call(arguments(offset, ahead))[0])
+        rates.append(solving.call(f, arguments(offset, ahead))[0])
     ahead = x + sum(h * b * rate for b, rate in zip(method.weights, rates, strict=True))
     fault: Any = 0
     if plan.watched and len(plan.y) < y.shape[0]:
         # CasADi's min and max drop a NaN, so a fault of a signal that is not logged is passed on to those that are.
         fault = ca.if_else(ca.fabs(ca.sum1(y)) < inf, 0, nan)
-    results = {"ahead": ahead + fault, "y": y[list(plan.y)] + fault, "s": s}
+    results = {"ahead": ahead + fault, "y": y[list(plan.y)] + fault, "s": s, "new_loops": solving.loops}
     if plan.update is not None:
-        results["new_d"], results["new_x"] = plan.update.call([*arguments(0.0, x), hit])
+        sampling = Solving(plan.loops, loops)
+        results["new_d"], results["new_x"] = sampling.call(plan.update, [*arguments(0.0, x), hit])
+        results["renewed_loops"] = sampling.loops
     return symbols, results
 
 

@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.tables import few
+from tsmblocks.engine.loops import Loop, LoopForms
 
 DELAY_SAMPLES = 4
 """Instants of a delayed signal that are read at a time: those a cubic interpolation needs."""
@@ -19,8 +20,10 @@ instants [s]; steps per second; the number of instants up to that one. Values be
 
 RHS = (["t", "x", "d", "u", "q", "p"], ["dx", "y", "s"])
 UPDATE = ([*RHS[0], "hit"], ["d_next", "x_next"])
+SOLVING = {k: ([*names[0], "guess"], [*names[1], "roots"]) for k, names in (("rhs", RHS), ("update", UPDATE))}
 START, LAG = (["p"], ["x", "d", "s"]), (["p"], ["tau"])
-"""Names of the arguments and results of the functions of ``Equations``."""
+"""Names of the arguments and results of the functions of ``Equations``, and of ``rhs`` and ``update`` for kernels where
+there are loops to be solved: with the last solutions, and the new ones."""
 
 
 @attrs.frozen
@@ -52,6 +55,9 @@ class Equations:
     signals that are delayed. ``update(t, x, d, u, q, p, hit)`` gives ``(d, x)`` after an instant at which the rate
     groups with ``hit`` = 1 are sampled (None when nothing is updated). ``start(p)`` gives ``(x, d, s)`` before the
     run, ``lag(p)`` the delays in s; ``min_delay_steps`` is the fewest steps that each may take (1, or 0).
+
+    ``loops`` are the algebraic loops. Where some are nonlinear ``rhs`` and ``update`` solve them from ``STARTS``, and
+    ``forms`` has the functions that kernels take.
     """
 
     title: str
@@ -75,6 +81,18 @@ class Equations:
     """For messages: block name -> (class name, {input port: signal it reads})."""
     sampled: dict[str, float]
     """For messages: sampled block name -> its period [s]."""
+    loops: tuple[Loop, ...] = ()
+    forms: LoopForms | None = None
+
+    @property
+    def plain(self) -> tuple[Any, Any]:
+        """``rhs`` and ``update`` for a kernel."""
+        return self.forms.plain if self.forms else (self.rhs, self.update)
+
+    @property
+    def exact(self) -> tuple[Any, Any]:
+        """``rhs`` and ``update`` for a kernel, with the derivatives of solved loops."""
+        return self.forms.exact if self.forms else (self.rhs, self.update)
 
     def __repr__(self) -> str:
         return f"Equations({self.title!r}, {len(self.x)} states, {len(self.p)} parameters, outputs {few(self.aliases)})"

@@ -109,7 +109,7 @@ class _Walk:
     def memory(self) -> Memory:
         """The present state, in arrays of its own."""
         old = self.s.memory
-        return Memory(self.x.copy(), self.d.copy(), old.p, old.ring, old.mask)
+        return Memory(self.x.copy(), self.d.copy(), old.p, old.ring, old.mask, old.loops)
 
     def time(self, k: int) -> float:
         return self.s.start + k * self.s.h

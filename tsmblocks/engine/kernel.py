@@ -17,7 +17,8 @@ class Memory:
     """The arrays of one run (or one group of lanes); a kernel works on them in place.
 
     ``x`` continuous states, ``d`` memory states and held outputs, ``p`` parameters, each as its ``Layout`` has it;
-    ``ring`` the past of each delayed signal, in a ring buffer of ``mask`` + 1 instants (a power of two).
+    ``ring`` the past of each delayed signal, in a ring buffer of ``mask`` + 1 instants (a power of two); ``loops`` the
+    last solution of each algebraic loop that the kernel solves, and its statistics.
     """
 
     x: np.ndarray
@@ -25,10 +26,11 @@ class Memory:
     p: np.ndarray
     ring: np.ndarray
     mask: int
+    loops: np.ndarray
 
     def copy(self) -> Memory:
         """The same state in arrays of its own (parameters are shared, they do not change)."""
-        return Memory(self.x.copy(), self.d.copy(), self.p, self.ring.copy(), self.mask)
+        return Memory(self.x.copy(), self.d.copy(), self.p, self.ring.copy(), self.mask, self.loops.copy())
 
 
 class Steps(NamedTuple):
@@ -54,7 +56,7 @@ class Kernel:
     def __init__(self, frame: KernelFrame) -> None:
         self.plan = frame.plan
         self.layout_x, self.layout_d, self.layout_p = frame.x, frame.d, frame.p
-        self.layout_s, self.layout_y = frame.s, frame.y
+        self.layout_s, self.layout_y, self.layout_loops = frame.s, frame.y, frame.loops
 
     def memory(self, x: Elements, d: Elements, p: Elements, s: Elements, capacity: int) -> Memory:
         """Memory before the first step; each element is a number, or one number per lane where it is wide.
@@ -63,7 +65,8 @@ class Kernel:
         """
         past = [np.tile(v, capacity) for v in s]
         ring = np.concatenate(past) if past else np.empty(0)
-        return Memory(self.layout_x.spread(x), self.layout_d.spread(d), self.layout_p.spread(p), ring, capacity - 1)
+        parts = self.layout_x.spread(x), self.layout_d.spread(d), self.layout_p.spread(p)
+        return Memory(*parts, ring, capacity - 1, np.zeros(self.layout_loops.size))
 
     def memories(
         self, x: np.ndarray, d: np.ndarray, p: np.ndarray, s: np.ndarray, capacities: Sequence[int]
@@ -74,7 +77,8 @@ class Kernel:
         for run, capacity in enumerate(capacities):
             past = [np.tile(v if w else v[0], capacity) for v, w in zip(s[run], self.layout_s.wide, strict=True)]
             ring = np.concatenate(past) if past else np.empty(0)
-            made.append(Memory(flat_x[run], flat_d[run], flat_p[run], ring, capacity - 1))
+            loops = np.zeros(self.layout_loops.size)
+            made.append(Memory(flat_x[run], flat_d[run], flat_p[run], ring, capacity - 1, loops))
         return made
 
     def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:

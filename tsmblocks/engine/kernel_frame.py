@@ -1,6 +1,6 @@
 """A whole fixed-step run as LLVM IR: one function with the loop, the stages and the log inside.
 
-    void run(ptr table)     table: [settings, x, d, p, u, ring, y, work]
+    void run(ptr table)     table: [settings, x, d, p, u, ring, y, work, loops]
     settings: [h, t0] as doubles, then [k0, n, final, every, skip, mask, n_1 … n_g] as 64-bit integers
 
 ``x`` and ``d`` are read at the start and hold the state at the end. Steps k0 … k0+n-1 are taken; with
@@ -20,9 +20,13 @@ from typing import Any
 
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES
 from tsmblocks.engine.llvm_ir import Writer, llvm_double
+from tsmblocks.engine.loop_code import LoopWriter
+from tsmblocks.engine.loops import NAME, STATISTICS
 from tsmblocks.engine.plan import Layout, Plan
 from tsmblocks.engine.program import Program
 
+TABLE = ("settings", "x", "d", "p", "u", "ring", "y", "work")
+"""Arrays that a kernel works on, in order; ``loops`` follow where there are some."""
 SETTINGS = ("k0", "n", "final", "every", "skip", "mask")
 """64-bit integers after ``h`` and ``t0`` in the settings of a kernel, in order; the rate groups' n follow."""
 CONSTANT, TIME, HELD, MOVING = range(4)
@@ -31,13 +35,16 @@ JUMP_OFFSETS = (1e-9, 8e-12, 1 / 64)
 """Distance of the last stage before the end of a step, where a signal may jump with time: a share of the step plus a
 share of the time, at most a share of the step. Chosen: above the rounding of a time, small beside a step."""
 
-SLOTS = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD}
+SLOTS = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD, "guess": CONSTANT}
 """How often each input of a program changes."""
 
 
 def grades_of(program: Program) -> list[int]:
-    """How often each node's value changes: ``CONSTANT``, ``TIME``, ``HELD`` or ``MOVING``."""
-    return program.grade({k: SLOTS[name] for k, name in enumerate(program.inputs)})
+    """How often each node's value changes: ``CONSTANT``, ``TIME``, ``HELD`` or ``MOVING``.
+
+    The solution of a loop is not carried from step to step, so it changes at least once a step.
+    """
+    return program.grade({k: SLOTS[name] for k, name in enumerate(program.inputs)}, HELD)
 
 
 def time_jumps(program: Program) -> bool:
@@ -76,6 +83,7 @@ class KernelFrame:
         self.update = LaneProgram(plan, plan.update) if plan.update is not None else None
         self.lag = LaneProgram(plan, plan.lag) if plan.wide_s else None
         self.jumps = time_jumps(self.rhs) if plan.jumps is None else plan.jumps
+        self.loops, self.regions = self._regions()
         nodes = (self.rhs.outputs.get((1, k)) for k in plan.y)
         self.y = Layout.of(tuple(node is not None and self.rhs.wide[node] for node in nodes), plan.lanes)
 
@@ -135,7 +143,7 @@ class KernelFrame:
             place = w.emit(f"getelementptr {kind}, ptr {base}, i64 {k}")
             w.do(f"%{name} = load {kind}, ptr {place}")
 
-        for k, name in enumerate(("settings", "x", "d", "p", "u", "ring", "y", "work")):
+        for k, name in enumerate((*TABLE, *(("loops",) if self.plan.loops else ()))):
             read(name, "ptr", "%table", k)
         w.do("%h = load double, ptr %settings")
         read("t0", "double", "%settings", 1)
@@ -203,6 +211,41 @@ class KernelFrame:
         w.do(f"store i64 {w.emit(f'sub i64 {start}, 1')}, ptr %left_at")
         w.do(f"br i1 {w.emit('icmp eq i64 %k, %n')}, label %done, label %step")
         w.label("step")
+
+    # ---- algebraic loops
+
+    def _regions(self) -> tuple[Layout, list[int]]:
+        """Layout of the solutions and statistics of all loops, and where each loop begins."""
+        programs = [one for one in (self.rhs, self.update) if one is not None]
+        solved = {name: one.wide[n] for one in programs for n, (name, _) in enumerate(one.nodes)}
+        wide: list[bool] = []
+        places = []
+        for number, loop in enumerate(self.plan.loops):
+            places.append(len(wide))
+            wide += [solved.get(f"SOLVE {number}", False)] * loop.size + [False] * len(STATISTICS)
+        layout = Layout.of(tuple(wide), self.plan.lanes)
+        return layout, [layout.offset[k] for k in places]
+
+    def solve(self, w: Writer, program: LaneProgram, node: int, given: list[str]) -> str:
+        """Write the call that solves a loop; its result, which nothing reads, is 0."""
+        name, args = program.nodes[node]
+        number, wide = int(name.partition(" ")[2]), [program.wide[j] for j in args]
+        full = f"tsm_{NAME}{number}_{''.join(str(int(flag)) for flag in wide)}"
+        if full not in self.w.functions:
+            self.w.functions[full] = ""
+            made = LoopWriter(full, self.plan.loops[number], wide, self.plan.lanes, self.plan.fused)
+            self.w.functions |= made.functions | {full: made.text}
+            self.w.declared |= made.declared
+        reads = "".join(f", {w.type(flag)} {value}" for value, flag in zip(given, wide, strict=True))
+        w.do(f"call void @{full}(ptr {w.at('%loops', self.regions[number])}{reads})")
+        return w.constant(0.0, program.wide[node])
+
+    def root(self, w: Writer, program: LaneProgram, node: int) -> str:
+        """Read one signal of the solution of a loop."""
+        name, (call,) = program.nodes[node]
+        number, wide = int(program.nodes[call][0].partition(" ")[2]), program.wide[node]
+        place = int(name.partition(" ")[2]) * (self.plan.lanes if wide else 1)
+        return w.load(w.at("%loops", self.regions[number] + place), wide)
 
     # ---- the past of delayed signals
 

@@ -21,7 +21,7 @@ FUNCTION_OPERATIONS = 200
 WIDTH = 8
 """Doubles that loops over states process at a time (a 512-bit vector); arrays in the work area are padded to it."""
 
-_ARGUMENTS = ("x", "d", "p", "u", "q", "hit", "work", "fixed", "o0", "o1", "o2")
+_ARGUMENTS = ("x", "d", "p", "u", "q", "hit", "work", "fixed", "loops", "o0", "o1", "o2")
 _SIGNATURE = "double %t, " + ", ".join(f"ptr noalias %{a}" for a in _ARGUMENTS)
 Store = tuple[int | None, str, int, bool]
 """(node or None for zero, array, offset, wide): where the value of an output is stored."""
@@ -124,7 +124,12 @@ class LargeKernel(KernelFrame):
         for node in work:
             operation, args = program.nodes[node]
             wide = program.wide[node]
-            values[node] = w.operation(operation, [get(j, wide) for j in args], wide)
+            if operation.startswith("SOLVE"):
+                values[node] = self.solve(w, program, node, [get(j, False) for j in args])
+            elif operation.startswith("ROOT"):
+                values[node] = self.root(w, program, node)
+            else:
+                values[node] = w.operation(operation, [get(j, wide) for j in args], wide)
             if node in cut.places:
                 w.store(values[node], w.at("%work", cut.places[node]), wide)
             for store in due.pop(node, ()):  # stored at once, so that it need not stay on the stack
@@ -178,6 +183,7 @@ class LargeKernel(KernelFrame):
 
     def _call(self, name: str, t: str, x: str, o: tuple[str, str, str], u: str = "%u") -> None:
         given = {a: f"%{a}" for a in _ARGUMENTS} | {"x": x, "d": "%ds", "u": u, "hit": "%hits", "work": "%temporaries"}
+        given["loops"] = "%loops" if self.plan.loops else "%spare"
         given |= zip(("o0", "o1", "o2"), o, strict=True)
         self.w.do(f"call void @{name}(double {t}, {', '.join(f'ptr {given[a]}' for a in _ARGUMENTS)})")
 

@@ -10,6 +10,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
+from tsmblocks.engine.loops import Loop, solved_loops
 from tsmblocks.engine.methods import Method
 
 Elements = Sequence[Any] | np.ndarray
@@ -25,7 +26,8 @@ class Plan:
     it has one value per lane (``lanes`` of them) or one for all. ``every_step``: memory is updated
     at each step, not at hits only. ``y`` picks and orders the outputs of ``rhs`` that are logged.
     ``jumps``: signals jump with time alone (None: read from ``rhs``). ``watched``: a signal that is not
-    logged and not finite is a fault too. ``fused``: a product is not rounded before it is added.
+    logged and not finite is a fault too. ``fused``: a product is not rounded before it is added. ``loops``: the loops
+    that the functions solve; they then have the last solutions as one more argument, and the new as a result.
     """
 
     rhs: Any
@@ -42,6 +44,7 @@ class Plan:
     fused: bool = True
     jumps: bool | None = None
     watched: bool = True
+    loops: tuple[Loop, ...] = ()
 
     @property
     def groups(self) -> int:
@@ -65,7 +68,8 @@ def plan_for(
     """A plan; with lanes, every state and the parameters in ``vary`` have one value per lane."""
     wide_x, wide_d, wide_s = ((lanes > 1,) * len(names) for names in (eq.x, eq.d, eq.q))
     wide_p = tuple(k in vary for k in range(len(eq.p)))
-    return Plan(eq.rhs, eq.update, eq.lag, method, y, eq.every_step, lanes, wide_x, wide_d, wide_p, wide_s)
+    loops = tuple(solved_loops(eq.loops))
+    return Plan(*eq.plain, eq.lag, method, y, eq.every_step, lanes, wide_x, wide_d, wide_p, wide_s, loops=loops)
 
 
 @attrs.frozen

@@ -7,6 +7,8 @@ from typing import Any
 
 import casadi as ca
 
+from tsmblocks.engine.loops import NAME
+
 Op = tuple[str, tuple[Any, ...]]
 """``("CONST", (value,))``, ``("INPUT", (slot, index))``, or an operation on earlier nodes."""
 
@@ -20,9 +22,11 @@ _COMMUTE = {"ADD", "MUL", "EQ", "NE", "AND", "OR", "HYPOT"}
 class Program:
     """Operations in order (``nodes``) and which of them each output is (``outputs[slot, index]``).
 
-    Structurally zero outputs are absent from ``outputs``. Equal operations are merged. With
-    ``reciprocals`` a division by something that depends on parameters only becomes a multiplication
-    by its reciprocal, which is then computed once instead of at every stage.
+    Structurally zero outputs are absent from ``outputs``. Equal operations are merged. A call that solves an algebraic
+    loop is ``("SOLVE n", nodes that it reads)``, n being the number of the loop, and each signal of its solution
+    ``("ROOT k", (the call,))``; ``solving`` holds the functions that are called, by number. With
+    ``reciprocals`` a division by something that depends on parameters only becomes a multiplication by its reciprocal,
+    which is then computed once instead of at every stage.
     """
 
     def __init__(self, function: ca.Function, reciprocals: bool = False) -> None:
@@ -31,6 +35,7 @@ class Program:
         self.nodes: list[Op] = []
         self.outputs: dict[tuple[int, int], int] = {}
         self.inputs = [function.name_in(k) for k in range(function.n_in())]
+        self.solving: dict[int, Any] = {}
         self._read(function)
 
     def _read(self, f: ca.Function) -> None:
@@ -51,6 +56,7 @@ class Program:
         rows_in = [list(f.sparsity_in(k).row()) for k in range(f.n_in())]
         rows_out = [list(f.sparsity_out(k).row()) for k in range(f.n_out())]
         op_of, ins, outs = f.instruction_id, f.instruction_input, f.instruction_output
+        calls: Any = None
         for k in range(f.n_instructions()):
             name = _NAMES[op_of(k)]
             if name == "CONST":
@@ -60,7 +66,17 @@ class Program:
                 work[outs(k)[0]] = push(name, (slot, rows_in[slot][index]))
             elif name == "OUTPUT":
                 slot, index = outs(k)
-                self.outputs[slot, rows_out[slot][index]] = work[ins(k)[0]]
+                if f.name_out(slot) != "roots":  # kernels have solutions of loops in their memory
+                    self.outputs[slot, rows_out[slot][index]] = work[ins(k)[0]]
+            elif name == "CALL":
+                calls = f.instructions_sx() if calls is None else calls
+                solver = calls[k].which_function()
+                number, size = int(solver.name().removeprefix(NAME)), solver.numel_in(0)
+                self.solving[number] = solver
+                call = push(f"SOLVE {number}", tuple(work[j] for j in ins(k)[size:]))
+                for i, slot in enumerate(outs(k)[:size]):
+                    if slot >= 0:
+                        work[slot] = push(f"ROOT {i}", (call,))
             else:
                 work[outs(k)[0]] = push(name, tuple(work[j] for j in ins(k)))
 
@@ -92,8 +108,11 @@ class Program:
         """Nodes an operation reads."""
         return () if self.is_leaf(node) else self.nodes[node][1]
 
-    def grade(self, slots: dict[int, Any]) -> list[Any]:
-        """For each node the largest grade among the inputs it depends on; ``slots`` maps (slot, index) or slot."""
+    def grade(self, slots: dict[int, Any], solved: int = 0) -> list[Any]:
+        """For each node the largest grade among the inputs it depends on; ``slots`` maps (slot, index) or slot.
+
+        The solution of a loop that depends on any has at least the grade ``solved``.
+        """
         grades: list[Any] = []
         for name, args in self.nodes:
             if name == "CONST":
@@ -102,5 +121,20 @@ class Program:
                 grade = slots[args[0]]
                 grades.append(grade[args[1]] if isinstance(grade, (tuple, list)) else grade)
             else:
-                grades.append(max(grades[j] for j in args))
+                grade = max((grades[j] for j in args), default=0)
+                grades.append(max(grade, solved) if grade and name.startswith("SOLVE") else grade)
         return grades
+
+    def evaluated(self, node: int, args: list[Any]) -> Any:
+        """An operation on expressions; a solution of a loop has the signals of its tear in a column."""
+        name = self.nodes[node][0]
+        kind, _, number = name.partition(" ")
+        if kind == "SOLVE":
+            solver = self.solving[int(number)]
+            return solver(ca.SX.zeros(solver.numel_in(0)), ca.vertcat(ca.SX(0, 1), *args))[0]
+        if kind == "ROOT":
+            return args[0][int(number)]
+        if name == "INV":
+            return 1 / args[0]
+        code = getattr(ca, f"OP_{name}")
+        return ca.SX.unary(code, *args) if len(args) == 1 else ca.SX.binary(code, *args)

@@ -43,6 +43,10 @@ class RegisterKernel(KernelFrame):
                 values[node] = llvm_double(args[0])
             elif name == "INPUT":
                 values[node] = read[program.inputs[args[0]]][args[1]]
+            elif name.startswith("SOLVE"):
+                values[node] = self.solve(w, program, node, [values[j] for j in args])
+            elif name.startswith("ROOT"):
+                values[node] = self.root(w, program, node)
             else:
                 given = [values[j] if wide[j] or not wide[node] else w.widen(values[j]) for j in args]
                 values[node] = w.operation(name, given, wide[node])

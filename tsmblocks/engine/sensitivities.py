@@ -17,7 +17,7 @@ import numpy as np
 
 from tsmblocks.common.frames import dataset
 from tsmblocks.common.tables import few
-from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, LAG, RHS, UPDATE, Equations, function_values
+from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, LAG, Equations, function_values
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.kernel_frame import time_jumps
 from tsmblocks.engine.methods import Method
@@ -49,22 +49,27 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
 
 def _tangent_functions(eq: Equations) -> tuple[Any, Any, Any]:
     """``rhs``, ``update`` (None where there is none) and ``lag``, each value followed by its directional derivative."""
-    f = eq.rhs
-    t, x, d, u, q, p = f.sx_in()
+    f, renewed = eq.exact
+    t, x, d, u, q, p, *guess = f.sx_in()
     xs, ds, qs, ps = (ca.SX.sym(f"d{k}", v.shape[0]) for k, v in zip("xdqp", (x, d, q, p), strict=True))
     # Of the past of a delayed signal only the values have derivatives, not the instants.
     q_seed = ca.vertcat(*(qs[i] if i % DELAY_NUMBERS < DELAY_SAMPLES else 0 for i in range(q.shape[0]))) if eq.q else qs
-    values = f.call([t, x, d, u, q, p])
+    made = f.call([t, x, d, u, q, p, *guess])
+    values, roots = made[:3], made[3:]
     moving, along = ca.vertcat(x, d, q, p), ca.vertcat(xs, ds, q_seed, ps)
     tangents = [ca.jtimes(v, moving, along) for v in values]
     inputs = [t, ca.vertcat(x, xs), ca.vertcat(d, ds), u, ca.vertcat(q, qs), ca.vertcat(p, ps)]
-    rhs = ca.Function("rhs", inputs, [ca.vertcat(a, b) for a, b in zip(values, tangents, strict=True)], *RHS)
+    pairs = [ca.vertcat(a, b) for a, b in zip(values, tangents, strict=True)]
+    rhs = ca.Function("rhs", [*inputs, *guess], [*pairs, *roots], f.name_in(), f.name_out())
     update = None
     if eq.update is not None:
         hit = ca.SX.sym("hit", len(eq.periods))
-        new = eq.update.call([t, x, d, u, q, p, hit])
-        pair = [ca.vertcat(v, ca.jtimes(v, moving, along)) for v in new]
-        update = ca.Function("update", [*inputs, hit], pair, *UPDATE)
+        guess = renewed.sx_in()[7:]
+        made = renewed.call([t, x, d, u, q, p, hit, *guess])
+        new, roots = made[:2], made[2:]
+        pairs = [ca.vertcat(v, ca.jtimes(v, moving, along)) for v in new]
+        names = renewed.name_in(), renewed.name_out()
+        update = ca.Function("update", [*inputs, hit, *guess], [*pairs, *roots], *names)
     tau = eq.lag.call([p])[0]
     return rhs, update, ca.Function("lag", [ca.vertcat(p, ps)], [ca.vertcat(tau, tau)], *LAG)
 

@@ -70,7 +70,7 @@ class Frozen:
 
     def memory(self, x: np.ndarray, d: np.ndarray, m: np.ndarray, like: Memory) -> Memory:
         """Arrays that a kernel may work on."""
-        return Memory(x.copy(), np.concatenate([d, m, self.spare]), like.p, like.ring, like.mask)
+        return Memory(x.copy(), np.concatenate([d, m, self.spare]), like.p, like.ring, like.mask, like.loops)
 
 
 def margin(g: np.ndarray, m: np.ndarray) -> np.ndarray:

@@ -231,7 +231,7 @@ def _run_lanes(
     if len(state):
         seed = np.pad(state_seeds, ((0, 0), (0, lanes - width)))
         x, d = kernel.layout_x.spread([*state[:n], *seed[:n]]), kernel.layout_d.spread([*state[n:], *seed[n:]])
-        memory = Memory(x, d, memory.p, memory.ring, memory.mask)
+        memory = Memory(x, d, memory.p, memory.ring, memory.mask, memory.loops)
     y = experiment.run(kernel, memory, segment.first, segment.last)
     outputs, derivatives = experiment.split(kernel, y, width)
     ends = _values(memory.x, kernel.layout_x, lanes), _values(memory.d, kernel.layout_d, lanes)

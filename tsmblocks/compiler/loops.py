@@ -1,0 +1,266 @@
+"""Algebraic loops: eliminated where they are linear, else left to the engine with their exact Jacobian.
+
+The evaluator has torn each loop at some signals z and gives, of each, its expression g(z, …). Signals that depend on one
+another are solved together, in order of dependence. Of these, what does not depend on itself is substituted. If
+g - z is linear in the rest (its Jacobian does not depend on z), it is eliminated here; if not, it is a ``Loop`` that the
+engine solves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from graphlib import TopologicalSorter
+from typing import Any
+
+import attrs
+import casadi as ca
+import numpy as np
+
+from tsmblocks.common.errors import AlgebraicLoop
+from tsmblocks.compiler.evaluate import Evaluator, Tear
+from tsmblocks.engine.equations import RHS, SOLVING, UPDATE
+from tsmblocks.engine.loops import Loop, solving_function
+
+SINGULAR = 1e-13
+"""Size of a determinant or pivot, as a share of its terms, that counts as zero. Chosen: some 500 roundings."""
+SMALL = 3
+"""Signals up to which a system is solved by its determinant; above, by a QR decomposition. Chosen: by operations."""
+
+Column = Any
+"""A column of expressions."""
+
+
+@attrs.frozen(eq=False)
+class _Open:
+    """A loop that the engine solves: the symbols ``z`` of its signals, and the expressions ``w`` that it reads."""
+
+    z: Column
+    w: Column
+    solver: Any
+    correction: Any
+
+
+class Closure:
+    """The solved loops of an evaluator. ``loops`` describes them; ``first`` is the number of the first one."""
+
+    def __init__(self, evaluator: Evaluator, first: int) -> None:
+        self.flat = evaluator.flat
+        self.loops: list[Loop] = []
+        self._first, self._open = first, list[_Open]()
+        self._at_samples = not evaluator.held
+        self._solved: tuple[Column, Column] = (ca.SX(0, 1), ca.SX(0, 1))  # symbols, and what replaces them
+        tears = list(evaluator.tears.values())
+        for group in _groups(tears):
+            self._solve([tears[k] for k in group])
+
+    @property
+    def count(self) -> int:
+        """How many loops the engine solves."""
+        return len(self._open)
+
+    @property
+    def size(self) -> int:
+        """Numbers that start the solutions of all loops that the engine solves."""
+        return sum(one.z.shape[0] for one in self._open)
+
+    def plain(self, columns: Sequence[Column], guess: Column) -> list[Column]:
+        """Expressions with their loops solved as the engine leaves them.
+
+        The last one has the solution of each loop, followed by the number of iterations.
+        """
+        return self._closed(columns, guess, exact=False)
+
+    def exact(self, columns: Sequence[Column], guess: Column) -> list[Column]:
+        """As ``plain``, with one more Newton correction, which gives the derivatives of the solution."""
+        return self._closed(columns, guess, exact=True)
+
+    def _closed(self, columns: Sequence[Column], guess: Column, *, exact: bool) -> list[Column]:
+        known, values, roots, place = ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1), 0
+        for one in self._open:
+            w = _replaced(one.w, known, values)
+            size = one.z.shape[0]
+            root, count = one.solver(guess[place : place + size], w)
+            place += size
+            value = root + one.correction.call([root, w])[0] if exact else root
+            known, values, roots = ca.vertcat(known, one.z), ca.vertcat(values, value), ca.vertcat(roots, root, count)
+        everything = _replaced(_replaced(ca.vertcat(ca.SX(0, 1), *columns), *self._solved), known, values)
+        ends = np.cumsum([0, *(column.shape[0] for column in columns)])
+        return [*(everything[int(a) : int(b)] for a, b in zip(ends, ends[1:], strict=False)), roots]
+
+    def _solve(self, tears: list[Tear]) -> None:
+        """Solve signals that depend on one another; what they read has been solved before."""
+        z = ca.vertcat(*(tear.symbol for tear in tears))
+        given = _replaced(ca.vertcat(*(tear.expression for tear in tears)), *self._solved)
+        g, reads, w = _cut(given, z)
+        rest, passed = _substituted(z, g)
+        left = ca.vertcat(*(g for _, g in rest))
+        z = ca.vertcat(*(symbol for symbol, _ in rest))
+        f, jacobian = left - z, ca.jacobian(left - z, z)
+        path = tuple(tears[0].path)
+        if ca.depends_on(jacobian, z):
+            correction = ca.Function("correction", [z, w], [-_quotient(jacobian, f), ca.sumsqr(f)])
+            solver = solving_function(self._first + len(self._open), correction)
+            self._open.append(_Open(z, reads, solver, correction))
+            self.loops.append(Loop(path, z.shape[0], correction, self._at_samples))
+            values = z
+        else:
+            at_zero = ca.substitute(f, z, ca.SX.zeros(*z.shape))
+            self._need_solution(jacobian, path)
+            values = _guarded(jacobian, -_quotient(jacobian, at_zero))
+            self.loops.append(Loop(path, z.shape[0], None, self._at_samples))
+            self._keep(z, ca.substitute(values, w, reads))
+        for symbol, expression in reversed(passed):
+            solved = ca.substitute(expression, z, values) if z.shape[0] else expression
+            self._keep(symbol, _replaced(ca.substitute(solved, w, reads), *self._solved))
+
+    def _keep(self, symbols: Column, values: Column) -> None:
+        self._solved = (ca.vertcat(self._solved[0], symbols), ca.vertcat(self._solved[1], values))
+
+    def _need_solution(self, jacobian: Any, path: tuple[str, ...]) -> None:
+        """Raise AlgebraicLoop for a loop that is singular whatever the parameters."""
+        if jacobian.is_constant() and not np.linalg.matrix_rank(np.asarray(ca.DM(jacobian), dtype=float)) == len(
+            np.asarray(ca.DM(jacobian))
+        ):
+            text = (
+                f"{' -> '.join(path)} passes its own value on unchanged (its loop gain is 1), so it has no solution, or "
+                "any. Check the signs of its sums, or break it with a block that has a state."
+            )
+            raise AlgebraicLoop(self.flat.title, [text], self.flat.where, path)
+
+
+def _groups(tears: list[Tear]) -> list[list[int]]:
+    """Groups of signals that depend on one another, each after those that it depends on."""
+    if not tears:
+        return []
+    z, g = (ca.vertcat(*column) for column in zip(*((t.symbol, t.expression) for t in tears), strict=True))
+    depends = ca.Function("g", [z, _others(g, z)], [g]).jac_sparsity(0, 0) + ca.Sparsity.diag(len(tears))
+    _, order, ends = depends.scc()
+    groups = [sorted(order[a:b]) for a, b in zip(ends, ends[1:], strict=False)]
+    return _ordered(groups, depends)
+
+
+def _ordered(groups: list[list[int]], depends: Any) -> list[list[int]]:
+    """Groups in order of dependence."""
+    owner = {k: i for i, group in enumerate(groups) for k in group}
+    needs: dict[int, set[int]] = {i: set() for i in range(len(groups))}
+    for row, column in zip(*depends.get_triplet(), strict=True):
+        if owner[row] != owner[column]:
+            needs[owner[row]].add(owner[column])
+    return [groups[i] for i in TopologicalSorter(needs).static_order()]
+
+
+def _substituted(z: Column, g: Column) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+    """The signals that depend on themselves once the others are substituted; and these, in the order of substitution."""
+    left, passed = list(zip(ca.vertsplit(z), ca.vertsplit(g), strict=True)), list[tuple[Any, Any]]()
+    while len(left) > 1:
+        chosen = next((k for k, (symbol, made) in enumerate(left) if not ca.depends_on(made, symbol)), None)
+        if chosen is None:
+            break
+        symbol, made = left.pop(chosen)
+        passed.append((symbol, made))
+        others = ca.substitute(ca.vertcat(*(one for _, one in left)), symbol, made)
+        left = list(zip((s for s, _ in left), ca.vertsplit(others), strict=True))
+    return left, passed
+
+
+def _quotient(jacobian: Any, f: Column) -> Column:
+    """Solution of jacobian * x = f."""
+    return f / jacobian if f.shape[0] == 1 else ca.solve(ca.densify(jacobian), f)
+
+
+def _guarded(jacobian: Any, values: Column) -> Column:
+    """NaN in the place of a solution where the Jacobian is singular."""
+    n = values.shape[0]
+    if jacobian.is_constant():
+        return values
+    if n <= SMALL:
+        size = ca.SX(1)
+        for k in range(n):
+            size = size * (1 + ca.sum2(ca.fabs(jacobian[k, :])))
+        singular = ca.fabs(ca.det(ca.densify(jacobian))) < SINGULAR * size
+    else:
+        _, r = ca.qr(ca.densify(jacobian))
+        pivots, sizes = ca.diag(r), ca.sum1(ca.fabs(jacobian)).T
+        singular = ca.mmax(ca.fabs(pivots) < SINGULAR * (1 + sizes))
+    return ca.vertcat(*(ca.if_else(singular, np.nan, value) for value in ca.vertsplit(values)))
+
+
+def _others(expressions: Column, symbols: Column) -> Column:
+    """All other symbols of expressions."""
+    own = {symbol.element_hash() for symbol in ca.vertsplit(symbols)}
+    return ca.vertcat(ca.SX(0, 1), *(s for s in ca.symvar(expressions) if s.element_hash() not in own))
+
+
+def _replaced(expressions: Column, symbols: Column, values: Column) -> Column:
+    """Expressions with other values for some symbols; what does not depend on them stays the same, not a copy."""
+    if not symbols.shape[0] or not ca.depends_on(expressions, symbols):
+        return expressions
+    return _walk(expressions, symbols, ca.vertsplit(values), None)
+
+
+def _cut(expressions: Column, symbols: Column) -> tuple[Column, Column, Column]:
+    """Expressions in terms of ``symbols`` and of new symbols for all that does not depend on them.
+
+    Returns the expressions, what the new symbols stand for, and the new symbols.
+    """
+    reads: dict[Any, tuple[Any, Any]] = {}
+    made = _walk(expressions, symbols, ca.vertsplit(symbols), reads)
+    outside, new = zip(*reads.values(), strict=True) if reads else ((), ())
+    return made, ca.vertcat(ca.SX(0, 1), *outside), ca.vertcat(ca.SX(0, 1), *new)
+
+
+def _walk(expressions: Column, symbols: Column, values: Sequence[Any], reads: dict[Any, tuple[Any, Any]] | None) -> Any:
+    """Form anew what depends on the symbols; with ``reads`` other operands are replaced, and collected there."""
+    others = ca.vertsplit(_others(expressions, symbols))
+    f = ca.Function("f", [symbols, ca.vertcat(ca.SX(0, 1), *others)], [ca.densify(expressions)])
+    nodes, made = f.instructions_sx(), [ca.SX(0)] * expressions.shape[0]
+    work: dict[int, tuple[Any, bool]] = {}  # expression, and whether it depends on the symbols
+
+    def operand(slot: int) -> Any:
+        value, depends = work[slot]
+        if depends or reads is None or value.is_constant():
+            return value
+        key = value.element_hash()
+        return reads.setdefault(key, (value, ca.SX.sym(f"w{len(reads)}")))[1]
+
+    for k in range(f.n_instructions()):
+        code, ins, outs = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
+        if code == ca.OP_INPUT:
+            work[outs[0]] = (values[ins[1]], True) if ins[0] == 0 else (others[ins[1]], False)
+        elif code == ca.OP_CONST:
+            work[outs[0]] = ca.SX(f.instruction_constant(k)), False
+        elif code == ca.OP_OUTPUT:
+            made[outs[1]] = operand(ins[0])
+        elif not any(work[j][1] for j in ins):
+            if code == ca.OP_CALL:
+                results = _called(nodes[k], [work[j][0] for j in ins])
+                work |= {slot: (value, False) for slot, value in zip(outs, results, strict=True) if slot >= 0}
+            else:
+                work[outs[0]] = nodes[k], False
+        elif code == ca.OP_CALL:
+            results = _called(nodes[k], [operand(j) for j in ins])
+            work |= {slot: (value, True) for slot, value in zip(outs, results, strict=True) if slot >= 0}
+        else:
+            form = ca.SX.unary if len(ins) == 1 else ca.SX.binary
+            work[outs[0]] = form(code, *(operand(j) for j in ins)), True
+    return ca.vertcat(*made)
+
+
+def _called(node: Any, operands: list[Any]) -> list[Any]:
+    """The results of a call with other operands."""
+    function = node.which_function()
+    ends = np.cumsum([0, *(function.numel_in(k) for k in range(function.n_in()))])
+    arguments = [ca.vertcat(ca.SX(0, 1), *operands[a:b]) for a, b in zip(ends, ends[1:], strict=False)]
+    return [part for result in function.call(arguments) for part in ca.vertsplit(result)]
+
+
+def functions(name: str, reads: list[Any], results: Sequence[Column], closure: Closure) -> tuple[Any, Any, Any]:
+    """A function of the equations, and its forms for kernels: plain, and exact (see ``LoopForms``)."""
+    names = {"rhs": RHS, "update": UPDATE}[name]
+    if not closure.size:
+        made = ca.Function(name, reads, closure.plain(results, ca.SX(0, 1))[:-1], *names)
+        return made, made, made
+    guess = ca.SX.sym("guess", closure.size)
+    alone = ca.Function(name, reads, closure.exact(results, ca.SX.zeros(closure.size))[:-1], *names)
+    forms = [form(results, guess) for form in (closure.plain, closure.exact)]
+    return alone, *(ca.Function(name, [*reads, guess], form, *SOLVING[name]) for form in forms)
