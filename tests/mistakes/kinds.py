@@ -136,7 +136,8 @@ def around(g):
             title="loop",
             blocks=dict(r=Constant(), error=Sum(), g=g),
             wires=["r -> error.plus", "error -> g -> error.minus"],
-        )
+        ),
+        refuse_loops=True,
     )
 
 

@@ -601,7 +601,7 @@ def an_algebraic_loop():
         blocks=dict(ref=Sine(), error=Sum(), k=Gain(gain=0.5)),
         wires=["ref -> error.plus", "error -> k -> error.minus"],
     )
-    compile_diagram(d)
+    compile_diagram(d, refuse_loops=True)
 
 
 @mistake(
@@ -612,7 +612,7 @@ diagram 'loop' (HERE) has 1 problem:
 """,
 )
 def a_block_that_drives_itself():
-    compile_diagram(Diagram(title="loop", blocks=dict(k=Gain(gain=0.5)), wires=["k -> k"]))
+    compile_diagram(Diagram(title="loop", blocks=dict(k=Gain(gain=0.5)), wires=["k -> k"]), refuse_loops=True)
 
 
 @mistake(
@@ -632,7 +632,7 @@ def an_algebraic_loop_of_three_through_two_diagrams():
         blocks=dict(ref=Sine(), error=Sum(), deep=deep, back=Gain()),
         wires=["ref -> error.plus", "error -> deep -> back -> error.minus"],
     )
-    compile_diagram(d)
+    compile_diagram(d, refuse_loops=True)
 
 
 @mistake(
@@ -648,7 +648,7 @@ def an_algebraic_loop_at_the_samples():
         blocks=dict(ref=Sine(), error=Sum(), hold=ZeroOrderHold(), k=Gain()),
         wires=["ref -> error.plus", "error -> hold -> k -> error.minus"],
     )
-    compile_diagram(d)
+    compile_diagram(d, refuse_loops=True)
 
 
 @mistake(
@@ -664,7 +664,7 @@ def an_algebraic_loop_through_a_derivative():
         blocks=dict(ref=Sine(), error=Sum(), d=Derivative(), lag=FirstOrderLag()),
         wires=["ref -> error.plus", "error -> lag -> d -> error.minus"],
     )
-    compile_diagram(d)
+    compile_diagram(d, refuse_loops=True)
 
 
 @mistake(

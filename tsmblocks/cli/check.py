@@ -18,6 +18,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     files = "diagram files, or names of ready-made ones"
     common.add(parser, "files", metavar="FILE", nargs="+", help=files, suggests=common.DIAGRAMS)
+    common.add(parser, "--refuse-loops")
     common.add(parser, "--json")
 
 
@@ -26,7 +27,7 @@ def execute(args: argparse.Namespace) -> int:
     checked = []
     for name in args.files:
         try:
-            checked.append({"file": name, "sound": True, **contents(name)})
+            checked.append({"file": name, "sound": True, **contents(name, refuse_loops=args.loops == "refuse")})
             if not args.json:
                 print(console.fold(f"{name}: {description(checked[-1])}", sys.stdout))
         except (TsmError, OSError) as error:
@@ -45,18 +46,19 @@ def _faults(error: Exception) -> list[str]:
     return list(error.problems) if isinstance(error, (DiagramError, FileError)) else [str(error)]
 
 
-def contents(name: str) -> dict[str, Any]:
-    """Contents of a valid diagram: counts of blocks, states and parameters; inputs and outputs with their units."""
+def contents(name: str, *, refuse_loops: bool = False) -> dict[str, Any]:
+    """Contents of a valid diagram: counts of blocks, states, parameters and loops; inputs and outputs with their units."""
     from tsmblocks.compiler.compile import compile_diagram
     from tsmblocks.files import load
 
     diagram = load(name)
-    eq = compile_diagram(diagram)
+    eq = compile_diagram(diagram, refuse_loops=refuse_loops)
     return {
         "title": diagram.title,
         "blocks": len(eq.reads),
         "states": len(eq.x),
         "parameters": len(eq.p),
+        "loops": len(eq.loops),
         "inputs": {k: p.unit for k, p in diagram.inports.items()},
         "outputs": {k: diagram.unit(k) for k in diagram.outputs},
     }
@@ -65,6 +67,7 @@ def contents(name: str) -> dict[str, Any]:
 def description(made: dict[str, Any]) -> str:
     """Contents of a valid diagram in one line."""
     counts = ", ".join(_count(made[f"{word}s"], word) for word in ("block", "state", "parameter"))
+    counts += f", {_count(made['loops'], 'algebraic loop')}" if made["loops"] else ""
     ends = (f"{what}: {', '.join(starmap(heading, made[what].items())) or 'none'}" for what in ("inputs", "outputs"))
     return f"ok; {counts}; {'; '.join(ends)}"
 

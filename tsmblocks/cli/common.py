@@ -167,6 +167,9 @@ SHARED: dict[str, dict[str, Any]] = {
         suggests=HOLDS,
     ),
     "--plot": dict(metavar="FILE", help="write a figure to a .png, .svg or .pdf file"),
+    "--refuse-loops": dict(
+        action="store_const", const="refuse", default="solve", dest="loops", help="an algebraic loop is an error"
+    ),
     "--json": dict(
         action="store_true", help="print one JSON object and nothing else; a number that is not finite is null"
     ),

@@ -38,6 +38,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--every", type=common.integer_from(1), metavar="N", default=1, help=every)
     backend = "llvm or casadi (default: llvm where it is installed)"
     add("--backend", metavar="B", default="", help=backend, suggests=common.BACKENDS)
+    add("--refuse-loops")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -82,7 +83,7 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
                 inputs=inputs,
                 log="outputs" if diagram.outputs else "all",
                 progress=progress,
-                **common.passed(args, "stop", "step", "method", "every", "backend"),
+                **common.passed(args, "stop", "step", "method", "every", "backend", "loops"),
             )
     except RunError as error:
         if out and error.run is not None and len(error.run.t):

@@ -26,6 +26,9 @@ SINGULAR = 1e-13
 SMALL = 3
 """Signals up to which a system is solved by its determinant; above, by a QR decomposition. Chosen: by operations."""
 
+_LINEAR = {ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_MUL, ca.OP_DIV, ca.OP_TWICE, ca.OP_ASSIGN, ca.OP_IF_ELSE_ZERO}
+"""Operations that are linear in an operand as long as their derivative does not depend on it."""
+
 Column = Any
 """A column of expressions."""
 
@@ -97,7 +100,7 @@ class Closure:
         z = ca.vertcat(*(symbol for symbol, _ in rest))
         f, jacobian = left - z, ca.jacobian(left - z, z)
         path = tuple(tears[0].path)
-        if ca.depends_on(jacobian, z):
+        if ca.depends_on(jacobian, z) or not _is_smooth(f, z):
             correction = ca.Function("correction", [z, w], [-_quotient(jacobian, f), ca.sumsqr(f)])
             solver = solving_function(self._first + len(self._open), correction)
             self._open.append(_Open(z, reads, solver, correction))
@@ -161,6 +164,22 @@ def _substituted(z: Column, g: Column) -> tuple[list[tuple[Any, Any]], list[tupl
         others = ca.substitute(ca.vertcat(*(one for _, one in left)), symbol, made)
         left = list(zip((s for s, _ in left), ca.vertsplit(others), strict=True))
     return left, passed
+
+
+def _is_smooth(f: Column, z: Column) -> bool:
+    """Whether all operations on z are such that a constant Jacobian means linear: a sign has a derivative of 0, too."""
+    function = ca.Function("f", [z, _others(f, z)], [ca.densify(f)])
+    moving: dict[int, bool] = {}
+    for k in range(function.n_instructions()):
+        code, ins, outs = (form(k) for form in (function.instruction_id, function.instruction_input, function.instruction_output))
+        if code == ca.OP_INPUT:
+            moving[outs[0]] = ins[0] == 0
+        elif code != ca.OP_OUTPUT:
+            depends = any(moving[j] for j in ins)
+            if depends and code not in _LINEAR:
+                return False
+            moving |= dict.fromkeys(outs, depends)
+    return True
 
 
 def _quotient(jacobian: Any, f: Column) -> Column:

@@ -262,6 +262,8 @@ def _with_effect(
         edited = edited.with_parameters({f"{name}.{k}": v for k, v in numbers.items()})
         edited = edited.with_parameters(_clipped_to_bounds(edited, name, effect, trials))
         eq = equations(edited)
+        if len(eq.loops) > len(equations(base).loops):
+            return None  # it closes an algebraic loop
     except (AlgebraicLoop, DiagramError):  # this block is not admissible on this wire
         return None
     same = all(edited.unit(k) == base.unit(k) for k in (*base.inputs, *base.outputs))

@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.engine.kernel_frame import KernelFrame
+from tsmblocks.engine.loops import STATISTICS, region
 from tsmblocks.engine.plan import Elements
 
 
@@ -79,6 +80,15 @@ class Kernel:
             ring = np.concatenate(past) if past else np.empty(0)
             loops = np.zeros(self.layout_loops.size)
             made.append(Memory(flat_x[run], flat_d[run], flat_p[run], ring, capacity - 1, loops))
+        return made
+
+    def loop_statistics(self, memory: Memory) -> list[np.ndarray]:
+        """``STATISTICS`` of each loop that the kernel solves, as views of its memory."""
+        made, place = [], 0
+        for loop in self.plan.loops:
+            first = self.layout_loops.offset[place + loop.size]
+            made.append(memory.loops[first : first + len(STATISTICS)])
+            place += region(loop)
         return made
 
     def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:

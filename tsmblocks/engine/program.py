@@ -71,6 +71,9 @@ class Program:
             elif name == "CALL":
                 calls = f.instructions_sx() if calls is None else calls
                 solver = calls[k].which_function()
+                if not solver.name().startswith(NAME):  # a derivative of such a call, which counts as 0
+                    work |= {slot: push("CONST", (0.0,)) for slot in outs(k) if slot >= 0}
+                    continue
                 number, size = int(solver.name().removeprefix(NAME)), solver.numel_in(0)
                 self.solving[number] = solver
                 call = push(f"SOLVE {number}", tuple(work[j] for j in ins(k)[size:]))

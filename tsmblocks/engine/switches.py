@@ -202,9 +202,9 @@ def _rewritten(program: Program, symbols: list[Any], modes: dict[int, Any], movi
             size = sum(_size(program, values, j) for j in args)
             gaps[node] = gap if moving[node] == 1 else ca.if_else(ca.fabs(gap) < ROUNDING * size, 0, gap)
         else:
-            values.append(_operation(name, [values[j] for j in args]))
+            values.append(program.evaluated(node, [values[j] for j in args]))
         if moving[node] < 2:
-            plain[node] = values[node] if leaf else _operation(name, [plain[j] for j in args])
+            plain[node] = values[node] if leaf else program.evaluated(node, [plain[j] for j in args])
             if _rounds(name, moving[node]):
                 values[node] = plain[node]
     when = _when_used(program, values, moving)
@@ -213,10 +213,6 @@ def _rewritten(program: Program, symbols: list[Any], modes: dict[int, Any], movi
         for n, gap in gaps.items()
     ]
     return values, ca.vertcat(*g)
-
-
-def _operation(name: str, given: list[Any]) -> Any:
-    return (ca.SX.unary if len(given) == 1 else ca.SX.binary)(getattr(ca, f"OP_{name}"), *given)
 
 
 def _rounds(name: str, moving: int) -> bool:

@@ -5,6 +5,7 @@ The source has the instructions that the engine compiles, so blocks declare noth
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from pathlib import Path
@@ -19,14 +20,16 @@ from tsmblocks.common.units import times
 from tsmblocks.common.version import __version__
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
 from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, time_jumps
+from tsmblocks.engine.loops import solved_loops
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.program import Program
 from tsmblocks.engine.session import check_delays, steps_per_period
+from tsmblocks.export.loops import solver_functions
 from tsmblocks.export.operations import LIMITS, c_double, statements
 from tsmblocks.export.pieces import HEADER, PAST, RESERVED, SPARE, comment, identifiers, used
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
-from tsmblocks.simulation.compiled import equations, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
 from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
 
 
@@ -79,7 +82,9 @@ class Code:
         return paths[0], paths[1]
 
 
-def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "controller") -> Code:
+def to_c(
+    diagram: Diagram, *, step: float, method: str = "rk4", name: str = "controller", loops: str = SOLVE
+) -> Code:
     """Write a diagram as C99 that takes one fixed step at each call.
 
     ``NAME_init(&c)`` sets the initial state and the parameters, which are then in ``c.p`` and may be changed.
@@ -97,6 +102,8 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
         Integration method: "euler", "heun" or "rk4".
     name : str, default "controller"
         Prefix of the functions and name of the files: letters, digits and underscores.
+    loops : {"solve", "refuse"}
+        Solve algebraic loops, or raise AlgebraicLoop for one. An output of a loop without a solution is NaN.
 
     Returns
     -------
@@ -121,7 +128,7 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
         raise ParameterError(
             f"a name in C has letters, digits and underscores, and is none of C's own; got {in_words(name)}."
         )
-    eq = equations(diagram)
+    eq = equations(diagram, loops=loops)
     for feed in eq.u:
         if feed.block:
             raise RunError(
@@ -142,14 +149,17 @@ class _Text:
         self.hits = steps_per_period(eq, h)
         tau = check_delays(eq, p, h)
         self.room = 1 << int(max(tau, default=0) + SPARE).bit_length()
-        self.rhs = Program(eq.rhs)
+        self.loops = solved_loops(eq.loops)
+        places = itertools.accumulate((loop.size for loop in self.loops), initial=0)
+        self.solvers = {k: (f"{name}_loop_{k}", first) for (k, _), first in zip(enumerate(self.loops), places)}
+        self.rhs = Program(eq.plain[0])
         self.jumps = time_jumps(self.rhs)
         inputs = [f.name.removeprefix("d/dt " * f.order) + "_dot" * f.order for f in eq.u]
         self.u, self.p = identifiers(inputs), identifiers(eq.p)
         self.y = identifiers(eq.aliases)
         self.given = (
             f"const {name}_parameters *p, double t, const double *x, const double *d, const {name}_inputs *u, "
-            "const double *q"
+            f"const double *q{', double *loops' if self.loops else ''}"
         )
 
     def code(self) -> Code:
@@ -170,13 +180,16 @@ class _Text:
             parameters=_fields(self.p, [""] * len(self.p)),
             states=f"x[{max(len(eq.x), 1)}];  /* states: {comment(', '.join(eq.x)) or 'none'} */",
             memory=f"d[{max(len(eq.d), 1)}];  /* memory: {comment(', '.join(eq.d)) or 'none'} */",
+            loops=f"    double loops[{sum(one.size for one in self.loops)}];  /* solutions of algebraic loops */\n"
+            if self.loops
+            else "",
             past=f"    double past[{len(eq.q)}][{self.room}];  /* of delayed signals */\n" if eq.q else "",
         )
 
     # ---- source
 
     def _source(self) -> Iterator[str]:
-        parts = (self._init, self._update, self._past, self._signals, self._rates, self._step)
+        parts = (self._solvers, self._init, self._update, self._past, self._signals, self._rates, self._step)
         body = [line for part in parts for line in part()]
         yield from [f'#include "{self.name}.h"', "", "#include <math.h>", ""]
         text = "\n".join(body)
@@ -184,6 +197,9 @@ class _Text:
         if limits:
             yield from ["/* Limits that keep NaN. */", "\n".join(limits)]
         yield from body
+
+    def _solvers(self) -> Iterator[str]:
+        yield from solver_functions(self.name, self.loops)
 
     def _place(self, program: Program) -> Callable[[int, int], str]:
         """The expression in C of each input of a program."""
@@ -198,7 +214,7 @@ class _Text:
     def _function(self, head: str, program: Program, stored: Mapping[str, tuple[int, int]]) -> Iterator[str]:
         """A function that stores outputs of a program: target of the assignment -> (slot, index)."""
         goals = {target: program.outputs[place] for target, place in stored.items() if place in program.outputs}
-        lines = statements(program, goals, self._place(program))
+        lines = statements(program, goals, self._place(program), self.solvers)
         lines += [f"    {target} = 0.0;" for target in stored if target not in goals]
         arguments, text = re.findall(r"(\w+)[,)]", head), "\n".join(lines)
         yield from [f"static void {head}", "{"]
@@ -226,6 +242,7 @@ class _Text:
             yield f"    {n}_start(&c->p, c->x, c->d, {'s' if eq.q else '0'});"
         if eq.q:
             yield from _loop("i", len(eq.q), _loop("j", self.room, ["    c->past[i][j] = s[i];"]))
+        yield from (f"    c->loops[{k}] = 0.0;" for k in range(sum(loop.size for loop in self.loops)))
         yield from ["    c->k = 0;", "}", ""]
 
     def _update(self) -> Iterator[str]:
@@ -233,7 +250,7 @@ class _Text:
             stored = {**_array("dn", 0, self.eq.d), **_array("xn", 1, self.eq.x)}
             head = f"{self.name}_update({self.given}, const double *hit, double *dn, double *xn)"
             yield "/* Samples and memory after an instant. */"
-            yield from self._function(head, Program(self.eq.update), stored)
+            yield from self._function(head, Program(self.eq.plain[1]), stored)
 
     def _signals(self) -> Iterator[str]:
         n, eq = self.name, self.eq
@@ -270,6 +287,7 @@ class _Text:
         if eq.q:
             yield from [f"    double q[{DELAY_NUMBERS * len(eq.q)}];", f"    double s[{len(eq.q)}];"]
         past, stored = ("q", "s") if eq.q else ("0", "0")
+        past += ", c->loops" if self.loops else ""
         yield from self._updated(past)
         if eq.q:
             yield f"    {n}_recall(c, 0.0, q);"

@@ -61,12 +61,16 @@ def c_double(value: float) -> str:
     return f"({text})" if value < 0 else text
 
 
-def statements(program: Program, goals: Mapping[str, int], place: Callable[[int, int], str]) -> list[str]:
+def statements(
+    program: Program, goals: Mapping[str, int], place: Callable[[int, int], str], loops: Mapping[int, tuple[str, int]] = {}
+) -> list[str]:
     """C statements that compute nodes and store them: ``goals`` maps targets of assignments to nodes.
 
-    ``place(slot, index)`` is the expression of an input of the function. Raises TsmError for an operation that C lacks.
+    ``place(slot, index)`` is the expression of an input of the function; ``loops`` the function that solves each loop,
+    and the place of its solution in ``loops``. Raises TsmError for an operation that C lacks.
     """
     texts: dict[int, str] = {}
+    calls: dict[int, int] = {}
     lines = []
     for node in sorted(program.needed(goals.values())):
         name, args = program.nodes[node]
@@ -74,6 +78,15 @@ def statements(program: Program, goals: Mapping[str, int], place: Callable[[int,
             texts[node] = c_double(args[0])
         elif name == "INPUT":
             texts[node] = place(*args)
+        elif name.startswith("SOLVE"):
+            solver, first = loops[int(name.partition(" ")[2])]
+            reads = ", ".join(texts[j] for j in args) or "0.0"
+            lines.append(f"    const double w{node}[{max(len(args), 1)}] = {{{reads}}};")
+            calls[node] = first
+            lines.append(f"    {solver}(w{node}, loops + {first});")
+        elif name.startswith("ROOT"):
+            lines.append(f"    const double a{node} = loops[{calls[args[0]] + int(name.partition(' ')[2])}];")
+            texts[node] = f"a{node}"
         elif name in _FORMS:
             lines.append(f"    const double a{node} = {_FORMS[name].format(*(texts[j] for j in args))};")
             texts[node] = f"a{node}"

@@ -46,7 +46,7 @@ typedef struct {{
     {n}_parameters p;
     double {states}
     double {memory}
-{past}    long long k;  /* steps taken */
+{past}{loops}    long long k;  /* steps taken */
 }} {n};
 
 void {n}_init({n} *c);

@@ -42,13 +42,13 @@ def smooth(function: ca.Function) -> Smooth:
             smoothed.append(made)
             continue
         exact, operands = [plain[j] for j in args], [smoothed[j] for j in args]
-        plain.append(_operation(name, exact))
+        plain.append(program.evaluated(k, exact))
         if k in kinked:
             kink, form = _SMOOTHED[name]
             smoothed.append(form(*operands, size[len(kinks)]))
             kinks.append(kink(*exact))
         else:
-            smoothed.append(_LOGICAL[name](*operands) if name in _LOGICAL else _operation(name, operands))
+            smoothed.append(_LOGICAL[name](*operands) if name in _LOGICAL else program.evaluated(k, operands))
     outs = [ca.SX(*function.size_out(k)) for k in range(function.n_out())]
     for (slot, index), node in program.outputs.items():
         outs[slot][index] = smoothed[node]
@@ -68,14 +68,6 @@ def _infinite_nodes(program: Program) -> set[int]:
         known = math.isinf(args[0]) if name == "CONST" else name in _ADDITIVE and len(found.intersection(args)) == 1
         found |= {k} if known else set()
     return found
-
-
-def _operation(name: str, args: list[Any]) -> Any:
-    """An operation by its name in CasADi."""
-    if name == "INV":
-        return 1 / args[0]
-    code = getattr(ca, f"OP_{name}")
-    return ca.SX.unary(code, *args) if len(args) == 1 else ca.SX.binary(code, *args)
 
 
 def _abs(z: Any, size: Any) -> Any:

@@ -123,6 +123,7 @@ class RunOptions:
     hold: Hold = AUTO
     every: int = 1
     backend: str = ""
+    loops: str = "solve"
 
     @property
     def times(self) -> TimeGrid:
@@ -136,8 +137,8 @@ class RunOptions:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """The options as keyword arguments of ``simulate`` and ``study``, which keep every instant."""
-        return {k: v for k, v in attrs.asdict(self, recurse=False).items() if k != "every"}
+        """The options as keyword arguments of ``simulate`` and ``study``, which keep every instant and solve loops."""
+        return {k: v for k, v in attrs.asdict(self, recurse=False).items() if k not in ("every", "loops")}
 
     def signals(self, eq: Equations) -> list[tuple[Signal, int]]:
         """The signal behind each sampled input of the equations, with the order of its derivative. Raises DataError."""

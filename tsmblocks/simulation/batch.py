@@ -20,7 +20,7 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, TimeGrid, as_diagram, kept_columns
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
-from tsmblocks.simulation.compiled import equations, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
 from tsmblocks.simulation.lanes import batch_kernel, lane_columns, lane_memory, lanes_for, whole_run
 from tsmblocks.simulation.stability import RunStart, extreme_sets, set_text, warn_of_fast_poles
 
@@ -42,6 +42,7 @@ def simulate_batch(
     every: int = 1,
     threads: int | None = None,
     backend: str = "",
+    loops: str = SOLVE,
 ) -> Batch:
     """Run a diagram once for each set of parameters, sets side by side in SIMD lanes and threads.
 
@@ -62,7 +63,7 @@ def simulate_batch(
         As for ``simulate``.
     threads : int, optional
         Number of threads. By default one for each processor.
-    backend : optional
+    backend, loops : optional
         As for ``simulate``.
 
     Returns
@@ -86,7 +87,7 @@ def simulate_batch(
     >>> batch["x"][:, -1].round(3).tolist()
     [11.76, 23.52]
     """
-    options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
+    options = RunOptions(stop, step, start, method, inputs, hold, every, backend, loops)
     made = batch_of(diagram, parameters, options, outputs)
     warn_of_fast_poles([made.run_start(k) for k in extreme_sets(made.sets)], options.rule, step)
     return Batch(made.sets, made.results(0, made.count, reduce, threads), made.t, {} if reduce else made.units)
@@ -182,7 +183,7 @@ def batch_of(
         raise ParameterError(f"parameters must map names to one number per set each, got {in_words(parameters)}.")
     diagram = as_diagram(diagram).untied(parameters)
     times = options.times
-    eq = equations(diagram)
+    eq = equations(diagram, loops=options.loops)
     sets, count = parameter_sets(eq, diagram, parameters)
     names, chosen, columns = kept_columns(eq, outputs)
     vary = frozenset(eq.p.index(k) for k in sets)

@@ -6,12 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.compiler.dependencies import nesting
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 
+SOLVE, REFUSE = "solve", "refuse"
+"""What is done with algebraic loops."""
 _COMPILED: dict[Any, Equations] = {}
 _KEPT = 256
 
@@ -30,13 +33,15 @@ def signature(diagram: Diagram) -> Any:
     return (tuple(parts), frozenset(diagram.links), inlets, *shown, tuple(diagram.values))
 
 
-def equations(diagram: Diagram) -> Equations:
+def equations(diagram: Diagram, *, loops: str = SOLVE) -> Equations:
     """The equations of a diagram, compiled once for each structure: other parameter values reuse them.
 
     Parameters
     ----------
     diagram : Diagram
         The diagram.
+    loops : {"solve", "refuse"}
+        Solve algebraic loops, or raise AlgebraicLoop for one.
 
     Returns
     -------
@@ -46,7 +51,7 @@ def equations(diagram: Diagram) -> Equations:
     Raises
     ------
     RunError
-        For an argument that is no diagram.
+        For an argument that is no diagram, and for ``loops`` other than these.
     DiagramError
         For a diagram that cannot be compiled: open ports, units that do not match, or a refused algebraic loop.
 
@@ -57,13 +62,17 @@ def equations(diagram: Diagram) -> Equations:
     ('motor.angle', 'motor.speed')
     """
     diagram = as_diagram(diagram)
+    if loops not in (SOLVE, REFUSE):
+        raise RunError(f"loops must be 'solve' or 'refuse', got {in_words(loops)}.{near(str(loops), (SOLVE, REFUSE))}")
     key = (diagram.title, signature(diagram))
     found = _COMPILED.pop(key, None)
     if found is None:
-        found = compile_diagram(diagram)
+        found = compile_diagram(diagram, refuse_loops=loops == REFUSE)
         while len(_COMPILED) >= _KEPT:
             _COMPILED.pop(next(iter(_COMPILED)))
     _COMPILED[key] = found
+    if loops == REFUSE and found.loops:
+        compile_diagram(diagram, refuse_loops=True)  # raises
     return found
 
 

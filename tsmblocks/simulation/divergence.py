@@ -10,6 +10,7 @@ import numpy as np
 
 from tsmblocks.common.errors import NotFinite
 from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.loops import STARTS, STATISTICS, Loop
 from tsmblocks.engine.session import Session, single_kernel
 
 ORDINARY_STATE = 1e20
@@ -21,6 +22,8 @@ def divergence_error(session: Session, backend: str, steps: int) -> NotFinite:
     eq, first = session.eq, session.k
     kernel = single_kernel(eq, session.kernel.plan.method, tuple(range(len(eq.y))), backend)
     again = attrs.evolve(session, kernel=kernel, memory=session.memory.copy(), every=1)
+    for counts in kernel.loop_statistics(again.memory):
+        counts[:] = 0.0
     y = again.rows_for(steps, True)
     again.advance(steps, True, y)
     bad = np.flatnonzero(~np.isfinite(y).all(axis=1))
@@ -28,16 +31,48 @@ def divergence_error(session: Session, backend: str, steps: int) -> NotFinite:
     time = session.start + (first + row) * session.h
     values = dict(zip(eq.y, y[row], strict=True))
     block = _first_non_finite(eq, values)
-    if block:
+    before = dict(zip(eq.y, y[row - 1], strict=True)) if row else {}
+    loop = _unsolved_loop(again, values, before)
+    if loop is not None and (not block or _of(block, loop.path)):
+        block, text = loop.path[0].rpartition(".")[0], _loop_message(loop, before, time)
+    elif block:
         text = _output_message(eq, values, block, time)
     else:
-        before = dict(zip(eq.y, y[row - 1], strict=True)) if row else {}
         states = [k for k in eq.x if not math.isfinite(values.get(k, 0.0))]
         block = (states[0] if states else next(iter(values))).rpartition(".")[0]
         text = _state_message(eq, values, before, states, block, time)
     error = NotFinite(text)
     error.block, error.time = block, time
     return error
+
+
+def _unsolved_loop(session: Session, values: dict[str, float], before: dict[str, float]) -> Loop | None:
+    """The first loop without a solution: at this instant, or at a stage of the step that leads to it."""
+    eq, counts = session.eq, iter(session.kernel.loop_statistics(session.memory))
+    failed = {id(loop): not loop.linear and next(counts)[STATISTICS.index("failed")] > 0 for loop in eq.loops}
+    if all(math.isfinite(values.get(k, 0.0)) for k in eq.x):
+        suspects = [loop for loop in eq.loops if loop.linear or failed[id(loop)]]
+        lost = [loop for loop in suspects if any(not math.isfinite(values.get(k, 0.0)) for k in loop.path)]
+    else:
+        lost = [loop for loop in eq.loops if failed[id(loop)]]
+        if any(abs(before.get(k, 0.0)) > ORDINARY_STATE for k in eq.x):
+            lost = []  # what diverged is the state
+    return lost[0] if lost else None
+
+
+def _loop_message(loop: Loop, before: dict[str, float], time: float) -> str:
+    signals = list(dict.fromkeys(loop.path))
+    last = f" One step before: {_pairs((k, before[k]) for k in signals[:4] if k in before)}." if before else ""
+    if loop.linear:
+        return (
+            f"the algebraic loop {loop} is singular at t = {time:g} s: its loop gain is 1, so it has no solution, or "
+            f"any.{last} Change a gain, or break it with a block that has a state (a lag, an integrator)."
+        )
+    return (
+        f"the algebraic loop {loop} has no solution at t = {time:g} s that Newton's method finds, from the last one and "
+        f"from {STARTS} other starts.{last} Something that jumps (a sign, a comparison) may leave a loop without one; "
+        "break it with a block that has a state (a lag, an integrator)."
+    )
 
 
 def _of(block: str, names: Iterable[str]) -> list[str]:

@@ -53,6 +53,9 @@ class Run(SignalViews):
     events : tuple of Event, optional
         Switching instants of a run with ``locate=True``, in order: each has ``t`` [s], ``block``, ``switch`` (abs,
         sign, min, max, <, <=) and ``rising``.
+    loops : tuple of LoopReport, optional
+        Algebraic loops: the ``path`` of each, whether it is ``linear`` (then it was eliminated), and else how often it
+        was ``solved``, in how many iterations (``mean_iterations``, ``most_iterations``).
 
     Examples
     --------
@@ -73,6 +76,7 @@ class Run(SignalViews):
     state: Any = attrs.field(repr=False, default=None)
     complete: bool = True
     events: tuple[Any, ...] = attrs.field(repr=False, default=())
+    loops: tuple[Any, ...] = attrs.field(repr=False, default=())
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A signal by name. Raises RunError with the near miss."""

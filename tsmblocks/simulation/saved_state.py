@@ -56,7 +56,7 @@ def restored_memory(saved: SavedState, eq: Equations, own: Memory, h: float) -> 
             f"the saved state keeps the past of '{eq.title}' for delays of another length. Take one from a "
             "run with these delays."
         )
-    made = saved.memory.copy()
+    made = attrs.evolve(saved.memory, loops=getattr(saved.memory, "loops", own.loops)).copy()
     made.p = own.p
     return made
 

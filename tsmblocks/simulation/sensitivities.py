@@ -14,7 +14,7 @@ from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns
 from tsmblocks.simulation.batch_parameters import parameter_index
-from tsmblocks.simulation.compiled import equations, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
 from tsmblocks.simulation.lanes import directions, lane_columns, tangent_kernel, whole_run
 
 
@@ -31,6 +31,7 @@ def sensitivities(
     hold: Hold = AUTO,
     every: int = 1,
     backend: str = "",
+    loops: str = SOLVE,
 ) -> Sensitivities:
     """Signals of a run and their exact derivatives with respect to parameters and initial states.
 
@@ -46,7 +47,7 @@ def sensitivities(
         Signals. By default the outputs of the diagram.
     stop, step, start, method, inputs, hold : optional
         As for ``simulate``.
-    every, backend : optional
+    every, backend, loops : optional
         As for ``simulate``.
 
     Returns
@@ -70,7 +71,7 @@ def sensitivities(
     >>> made.jacobian[-1].round(3).tolist()
     [[11.76, 1.0]]
     """
-    options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
+    options = RunOptions(stop, step, start, method, inputs, hold, every, backend, loops)
     return sensitivities_of(diagram, as_list(names), options, outputs)
 
 
@@ -81,7 +82,7 @@ def sensitivities_of(
     if not names:
         raise ParameterError(f"sensitivities of '{as_diagram(diagram).title}' need the name of a parameter at least.")
     diagram = as_diagram(diagram).untied(names)
-    times, eq = options.times, equations(diagram)
+    times, eq = options.times, equations(diagram, loops=options.loops)
     base, known = parameter_vector(eq, diagram), [parameter_index(eq, name, diagram) for name in names]
     (shown, chosen, columns), lanes = kept_columns(eq, outputs), directions(len(known))
     kernel = tangent_kernel(eq, options.rule, chosen, lanes, options.backend)

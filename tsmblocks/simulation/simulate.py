@@ -11,10 +11,11 @@ import numpy as np
 from tsmblocks.common.arguments import as_callback
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.engine.events import locating
+from tsmblocks.engine.loops import reports
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, as_diagram, logged_signals
-from tsmblocks.simulation.compiled import equations, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
 from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
@@ -37,6 +38,7 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     locate: bool = False,
     backend: str = "",
+    loops: str = SOLVE,
 ) -> Run:
     """Run a diagram at a fixed step and return its signals.
 
@@ -77,6 +79,8 @@ def simulate(
         1e-5 matter. Rounding is not located. In a sliding mode steps are taken as without it, with a SlidingWarning.
     backend : {"", "llvm", "casadi"}
         Machine code or CasADi's evaluator; by default machine code where llvmlite is installed.
+    loops : {"solve", "refuse"}
+        Solve algebraic loops (``run.loops`` says where, and in how many iterations), or raise AlgebraicLoop for one.
 
     Returns
     -------
@@ -86,7 +90,8 @@ def simulate(
     Raises
     ------
     NotFinite
-        For a signal that becomes NaN or infinite; ``error.run`` is the run up to there.
+        For a signal that becomes NaN or infinite, and for an algebraic loop without a solution; ``error.run`` is the run
+        up to there.
     RunError
         For times, a method, an initial state or a pattern that is not possible, and for ``locate`` with a
         transport delay.
@@ -114,13 +119,15 @@ def simulate(
     options = RunOptions(stop, h, begin, method, inputs, hold, every, backend)
     times = options.times
     as_callback(progress, "the fraction done")
-    eq = equations(diagram)
+    eq = equations(diagram, loops=loops)
     chosen, names = logged_signals(eq, log, times)
     rule, p = options.rule, parameter_vector(eq, diagram)
     kernel, h = single_kernel(eq, rule, chosen, backend), times.h
     if isinstance(initial, SavedState):  # instants are counted from the start of the run that is continued
         memory = restored_memory(initial, eq, start_memory(eq, kernel, p, h, None), h)
         origin, k = initial.start, initial.k
+        for counts in kernel.loop_statistics(memory):
+            counts[:] = 0.0
     else:
         memory = start_memory(eq, kernel, p, h, initial)
         origin, k = times.start, 0
@@ -158,4 +165,5 @@ def _result(
         state=SavedState(session.memory, session.k, start, h, memory_names(eq)),
         complete=complete,
         events=tuple(e for e in session.events if e.t <= start + session.k * h),
+        loops=reports(eq.loops, session.kernel.loop_statistics(session.memory)),
     )

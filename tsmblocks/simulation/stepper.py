@@ -16,7 +16,7 @@ from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram, as_inputs
-from tsmblocks.simulation.compiled import equations, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
 from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory
 from tsmblocks.simulation.stability import RunStart, no_step_warnings, warn_of_fast_poles
@@ -40,6 +40,8 @@ class Stepper:
     initial : dict of str to float or SavedState, optional
         Initial states by name that replace those of the diagram, or ``run.state`` to continue where a run ended.
     backend : {"", "llvm", "casadi"}
+        As for ``simulate``.
+    loops : {"solve", "refuse"}
         As for ``simulate``.
 
     Raises
@@ -67,10 +69,11 @@ class Stepper:
         parameters: Mapping[str, Any] | None = None,
         initial: Mapping[str, float] | SavedState | None = None,
         backend: str = "",
+        loops: str = SOLVE,
     ) -> None:
         diagram = self.diagram = as_diagram(diagram, parameters)
         self.h, self.start = as_positive("step", step), 0.0
-        eq = self.eq = equations(diagram)
+        eq = self.eq = equations(diagram, loops=loops)
         for feed in eq.u:
             _need_single(diagram.title, feed)
         self.names = tuple(dict.fromkeys(eq.aliases.values()))

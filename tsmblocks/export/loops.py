@@ -1,0 +1,123 @@
+"""The solution of algebraic loops in C99: the method of ``engine.loops``, one pair of functions for each loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from tsmblocks.engine.loops import (
+    DECREASE,
+    FINITE,
+    FLOOR,
+    LEAST_SHARE,
+    MOST_ITERATIONS,
+    STARTS,
+    TOLERANCE,
+    Loop,
+    start_value,
+)
+from tsmblocks.engine.program import Program
+from tsmblocks.export.operations import c_double, statements
+from tsmblocks.export.pieces import comment, used
+
+SOLVER = """\
+/* Solves the algebraic loop {path}
+   by a damped Newton method, from the last solution and, where that fails, from other starts; NaN where all fail. */
+static void {n}_loop_{number}(const double *w, double *root)
+{{
+    static const double starts[{starts}][{size}] = {{{values}}};
+    double guess[{size}];
+    double c[{size}];
+    double z[{size}];
+    double dz[{size}];
+    double step[{size}];
+    double merit = HUGE_VAL;
+    double share = 1.0;
+    int tries = 0;
+    int start = 0;
+    int i;
+    for (i = 0; i < {size}; i++) {{
+        guess[i] = (fabs(root[i]) < HUGE_VAL) ? root[i] : 0.0;
+        c[i] = guess[i];
+        z[i] = guess[i];
+        dz[i] = 0.0;
+    }}
+    for (;;) {{
+        const double sum = {n}_correction_{number}(c, w, step);
+        int small = 1;
+        for (i = 0; i < {size}; i++) {{
+            small = small && fabs(step[i]) <= {tolerance} * (fabs(c[i]) + fabs(guess[i])) + {floor};
+        }}
+        if (small) {{
+            for (i = 0; i < {size}; i++) {{
+                root[i] = c[i] + step[i];
+            }}
+            return;
+        }}
+        if (sum <= (1.0 - {decrease} * share) * merit && sum < {finite}) {{
+            for (i = 0; i < {size}; i++) {{
+                z[i] = c[i];
+                dz[i] = step[i];
+            }}
+            merit = sum;
+            share = (4.0 * share < 1.0) ? 4.0 * share : 1.0;
+        }} else {{
+            share = 0.5 * share;
+        }}
+        tries += 1;
+        if (share < {least} || tries >= {most}) {{
+            if (start == {starts}) {{
+                for (i = 0; i < {size}; i++) {{
+                    root[i] = 0.0 * HUGE_VAL;
+                }}
+                return;
+            }}
+            for (i = 0; i < {size}; i++) {{
+                z[i] = starts[start][i];
+                dz[i] = 0.0;
+            }}
+            start += 1;
+            merit = HUGE_VAL;
+            share = 1.0;
+            tries = 0;
+        }}
+        for (i = 0; i < {size}; i++) {{
+            c[i] = z[i] + share * dz[i];
+        }}
+    }}
+}}
+"""
+"""The C function that solves a loop; a template of ``str.format``."""
+
+
+def solver_functions(name: str, loops: Sequence[Loop]) -> Iterator[str]:
+    """The functions of all loops: ``NAME_loop_K(w, root)`` replaces the last solution by the new one."""
+    for number, loop in enumerate(loops):
+        yield from _correction(f"{name}_correction_{number}", loop)
+        rows = [", ".join(c_double(start_value(s, k)) for k in range(loop.size)) for s in range(1, STARTS + 1)]
+        yield SOLVER.format(
+            n=name,
+            number=number,
+            path=comment(str(loop)),
+            size=loop.size,
+            starts=STARTS,
+            values=", ".join(f"{{{row}}}" for row in rows),
+            tolerance=c_double(TOLERANCE),
+            floor=c_double(FLOOR),
+            decrease=c_double(DECREASE),
+            finite=c_double(FINITE),
+            least=c_double(LEAST_SHARE),
+            most=MOST_ITERATIONS,
+        )
+
+
+def _correction(name: str, loop: Loop) -> Iterator[str]:
+    """The Newton correction of a loop, which returns the sum of squares of what is to be zero."""
+    program = Program(loop.correction)
+    goals = {f"dz[{k}]": program.outputs[0, k] for k in range(loop.size) if (0, k) in program.outputs}
+    goals["sum"] = program.outputs[1, 0]
+    lines = statements(program, goals, lambda slot, index: f"{'zw'[slot]}[{index}]")
+    lines += [f"    dz[{k}] = 0.0;" for k in range(loop.size) if (0, k) not in program.outputs]
+    text = "\n".join(lines)
+    yield from [f"static double {name}(const double *z, const double *w, double *dz)", "{", "    double sum;"]
+    yield from (f"    (void){argument};" for argument in "zw" if not used(argument, text))
+    yield from [*lines, "    return sum;", "}", ""]
