@@ -919,7 +919,7 @@ def test_own_elementary_functions_are_accurate_in_lanes(name):
     )
     got = np.empty_like(x)
     for k in range(0, len(x), lanes):
-        memory = Memory(np.zeros(lanes), np.empty(0), x[k : k + lanes].copy(), np.empty(0), 0)
+        memory = Memory(np.zeros(lanes), np.empty(0), x[k : k + lanes].copy(), np.empty(0), 0, np.empty(0))
         y = np.empty((1, lanes))
         kernel.advance(memory, np.empty((1, 1, 0)), y, Steps(0.0, 1.0, 0, 0, True))
         got[k : k + lanes] = y[0]

@@ -1,14 +1,14 @@
-"""Algebraic loops: against closed forms, SciPy's root and differences; on every way to run; and what has no solution."""
+"""Algebraic loops: against closed forms, SciPy and differences; on every way to run; and what has no solution."""
 
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
+from tsmblocks.block import Block, Input, Output, block, parameter
 
 import tsmblocks as tsm
 from tests.test_export import c_rows, engine_rows, needs_compiler
-from tsmblocks.block import Block, Input, Output, block, parameter
 from tsmblocks.blocks import (
     DeadTime,
     Derivative,
@@ -150,7 +150,12 @@ def test_a_loop_through_the_derivative_of_a_lag_makes_it_slower():
 def test_a_plant_around_a_nonlinear_loop_against_scipy():
     d = tsm.Diagram(
         title="plant",
-        blocks=dict(ref=Sine(amplitude=2.0, frequency=0.7), e=Sum(signs="+--"), k=Cubic(), lag=FirstOrderLag(gain=5.0, time_constant=1.0)),
+        blocks=dict(
+            ref=Sine(amplitude=2.0, frequency=0.7),
+            e=Sum(signs="+--"),
+            k=Cubic(),
+            lag=FirstOrderLag(gain=5.0, time_constant=1.0),
+        ),
         wires=["ref -> e.plus", "e -> k -> e.minus1", "e -> lag -> e.minus2"],
     )
     run = tsm.simulate(d, stop=3.0, step=2e-3)
@@ -403,8 +408,8 @@ def test_a_singular_loop_names_its_path_and_the_instant(backend):
     with pytest.raises(NotFinite) as caught:
         tsm.simulate(ring(Gain(gain=1.0), "++"), stop=1.0, backend=backend)
     assert str(caught.value) == (
-        "the algebraic loop error.y -> k.y -> error.y is singular at t = 0 s: its loop gain is 1, so it has no solution, "
-        "or any. Change a gain, or break it with a block that has a state (a lag, an integrator)."
+        "the algebraic loop error.y -> k.y -> error.y is singular at t = 0 s: its loop gain is 1, so it has no "
+        "solution, or any. Change a gain, or break it with a block that has a state (a lag, an integrator)."
     )
     blocks = dict(ref=Sine(), ramp=Ramp(), e=Sum(signs="++"), m=Product())
     wires = ["ref -> e.plus1", "ramp -> m.u1", "e -> m.u2", "m -> e.plus2"]

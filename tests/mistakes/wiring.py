@@ -16,14 +16,16 @@ from tsmblocks.blocks import (
     Integrator,
     MotorTransferFunction,
     Product,
+    Ramp,
     Saturation,
     Sine,
     Sum,
     ZeroOrderHold,
 )
-from tsmblocks.common.errors import AlgebraicLoop, DiagramError
+from tsmblocks.common.errors import AlgebraicLoop, DiagramError, NotFinite, RunError
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.model.diagram import Diagram, Inlet
+from tsmblocks.simulation.simulate import simulate
 
 # ---- names and places of wires
 
@@ -665,6 +667,44 @@ def an_algebraic_loop_through_a_derivative():
         wires=["ref -> error.plus", "error -> lag -> d -> error.minus"],
     )
     compile_diagram(d, refuse_loops=True)
+
+
+@mistake(
+    AlgebraicLoop,
+    """
+diagram 'loop' (HERE) has 1 problem:
+  1. a.y -> b.y -> a.y passes its own value on unchanged (its loop gain is 1), so it has no solution, or any. Check the signs of its sums, or break it with a block that has a state.
+""",
+)
+def a_loop_of_sums_alone():
+    blocks = dict(ref=Sine(), a=Sum(signs="++"), b=Sum(signs="++"))
+    compile_diagram(
+        Diagram(title="loop", blocks=blocks, wires=["ref -> a.plus1", "ref -> b.plus1", "a -> b.plus2", "b -> a.plus2"])
+    )
+
+
+@mistake(
+    NotFinite,
+    "the algebraic loop error.y -> k.y -> error.y is singular at t = 0 s: its loop gain is 1, so it has no solution, or any. Change a gain, or break it with a block that has a state (a lag, an integrator).",
+)
+def a_loop_with_a_gain_of_one():
+    blocks = dict(ref=Sine(), error=Sum(signs="++"), k=Gain(gain=1.0))
+    simulate(Diagram(title="loop", blocks=blocks, wires=["ref -> error.plus1", "error -> k -> error.plus2"]))
+
+
+@mistake(
+    NotFinite,
+    "the algebraic loop error.y -> m.y -> error.y has no solution at t = 0.26 s that Newton's method finds, from the last one and from 12 other starts. One step before: error.y = 0.5, m.y = 0.25. Something that jumps (a sign, a comparison) may leave a loop without one; break it with a block that has a state (a lag, an integrator).",
+)
+def a_loop_that_loses_its_solution():
+    blocks = dict(ref=Ramp(), error=Sum(signs="++"), m=Product())
+    wires = ["ref -> error.plus1", "error -> m.u1", "error -> m.u2", "m -> error.plus2"]
+    simulate(Diagram(title="loop", blocks=blocks, wires=wires), stop=1.0, step=0.01)
+
+
+@mistake(RunError, "loops must be 'solve' or 'refuse', got 'refused'. Did you mean 'refuse'?")
+def loops_that_are_neither_solved_nor_refused():
+    simulate(Diagram(title="loop", blocks=dict(ref=Sine())), stop=1.0, loops="refused")
 
 
 @mistake(

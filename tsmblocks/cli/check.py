@@ -47,7 +47,7 @@ def _faults(error: Exception) -> list[str]:
 
 
 def contents(name: str, *, refuse_loops: bool = False) -> dict[str, Any]:
-    """Contents of a valid diagram: counts of blocks, states, parameters and loops; inputs and outputs with their units."""
+    """Contents of a valid diagram: counts of its parts and loops; inputs and outputs with their units."""
     from tsmblocks.compiler.compile import compile_diagram
     from tsmblocks.files import load
 

@@ -24,7 +24,8 @@ def compile_diagram(diagram: Diagram, *, refuse_loops: bool = False) -> Equation
     """Equations of a diagram, as CasADi functions (see ``Equations``).
 
     ``between`` forms all signals between samples, for ``rhs``; a second evaluator forms them at a sample instant, for
-    ``update``. With ``refuse_loops`` an algebraic loop is an error. Raises AlgebraicLoop, EquationError or DiagramError, naming the place.
+    ``update``. With ``refuse_loops`` an algebraic loop is an error. Raises AlgebraicLoop, EquationError or
+    DiagramError, naming the place.
     """
     flat = FlatDiagram(diagram)
     between = Evaluator(flat, held=True, refuse=refuse_loops)
@@ -35,13 +36,6 @@ def compile_diagram(diagram: Diagram, *, refuse_loops: bool = False) -> Equation
     pasts, value, p = flat.pasts.values(), between.value, _column(list(flat.p.values()))
     rates = [value["dx", *key] for key in flat.x]
     results = [_column(part) for part in (rates, list(signals.values()), [value[one.source] for one in pasts])]
-    reads = _reads(flat, between)
-    loops = [Closure(between, 0)]
-    rhs = functions("rhs", reads, results, loops[0])
-    at_samples = (None, None, None)
-    if update is not None:
-        loops.append(Closure(update[0], loops[0].count))
-        at_samples = functions("update", [*reads, update[0].hit], update[1], loops[1])
     begin = (_initial(flat, flat.x), _initial(flat, flat.d), [one.initial for one in pasts])
     start = ca.Function("start", [p], [ca.densify(_column(values)) for values in begin], *START)
     lag = ca.Function("lag", [p], [ca.densify(_column([one.delay for one in pasts]))], *LAG)
@@ -54,8 +48,7 @@ def compile_diagram(diagram: Diagram, *, refuse_loops: bool = False) -> Equation
         y=tuple(signals),
         q=tuple(".".join(k) for k in flat.pasts),
         min_delay_steps=tuple(0 if one.past.now else 1 for one in pasts),
-        rhs=rhs[0],
-        update=at_samples[0],
+        **_closed(_reads(flat, between), between, results, update),
         start=start,
         lag=lag,
         periods=tuple(flat.periods),
@@ -65,8 +58,6 @@ def compile_diagram(diagram: Diagram, *, refuse_loops: bool = False) -> Equation
         every_step=any(not flat.blocks[k].sampled and (s.memory or s.resets) for k, s in flat.structures.items()),
         reads={k: (type(b).__name__, flat.reads(k)) for k, b in flat.blocks.items()},
         sampled={k: flat.periods[group] for k, group in flat.group.items()},
-        loops=tuple(loop for closure in loops for loop in closure.loops),
-        forms=LoopForms((rhs[1], at_samples[1]), (rhs[2], at_samples[2])) if any(c.size for c in loops) else None,
     )
 
 
@@ -81,6 +72,21 @@ def _update(flat: FlatDiagram, between: Evaluator) -> tuple[Evaluator, list[Any]
         return None
     evaluator = Evaluator(flat, held=False, refuse=between.refuse, share=between)
     return evaluator, [_column(part) for part in evaluator.updates()]
+
+
+def _closed(
+    reads: list[Any], between: Evaluator, results: list[Any], update: tuple[Evaluator, list[Any]] | None
+) -> dict[str, Any]:
+    """``rhs`` and ``update`` with their loops solved, ``loops``, and the ``forms`` of both for kernels."""
+    closures = [Closure(between, 0)]
+    rhs = functions("rhs", reads, results, closures[0])
+    at_samples = (None, None, None)
+    if update is not None:
+        closures.append(Closure(update[0], closures[0].count))
+        at_samples = functions("update", [*reads, update[0].hit], update[1], closures[1])
+    forms = LoopForms((rhs[1], at_samples[1]), (rhs[2], at_samples[2])) if any(c.size for c in closures) else None
+    loops = tuple(loop for closure in closures for loop in closure.loops)
+    return {"rhs": rhs[0], "update": at_samples[0], "loops": loops, "forms": forms}
 
 
 def _initial(flat: FlatDiagram, keys: Iterable[tuple[str, ...]]) -> list[Any]:

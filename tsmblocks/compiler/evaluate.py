@@ -43,15 +43,13 @@ class Evaluator:
     Between samples the outputs of sampled blocks are symbols, the values held; at a sample instant they are computed
     anew. ``share`` is an evaluator whose symbols this one uses, so that the expressions of both belong together.
 
-    ``value`` holds the nodes that have been formed, ``tears`` those at which loops are torn; with ``refuse`` a loop is an
-    error. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and
-    their derivatives, ``q`` of the stored past of delayed signals, ``hit`` whether each rate group is sampled now;
-    ``owner`` maps a symbol (its hash) to what it denotes.
+    ``value`` holds the nodes that have been formed, ``tears`` those at which loops are torn; with ``refuse`` a loop is
+    an error. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and their derivatives, ``q`` of the past of
+    delayed signals, ``hit`` whether each rate group is sampled now; ``owner`` maps a symbol (its hash) to what it
+    denotes.
     """
 
-    def __init__(
-        self, flat: FlatDiagram, *, held: bool, refuse: bool = False, share: Evaluator | None = None
-    ) -> None:
+    def __init__(self, flat: FlatDiagram, *, held: bool, refuse: bool = False, share: Evaluator | None = None) -> None:
         self.flat, self.held, self.refuse = flat, held, refuse
         self.tears: dict[Node, Tear] = {}
         if share is None:

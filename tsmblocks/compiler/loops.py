@@ -1,13 +1,14 @@
 """Algebraic loops: eliminated where they are linear, else left to the engine with their exact Jacobian.
 
-The evaluator has torn each loop at some signals z and gives, of each, its expression g(z, …). Signals that depend on one
-another are solved together, in order of dependence. Of these, what does not depend on itself is substituted. If
-g - z is linear in the rest (its Jacobian does not depend on z), it is eliminated here; if not, it is a ``Loop`` that the
-engine solves.
+The evaluator has torn each loop at some signals z and gives, of each, its expression g(z, …). Signals that depend on
+one another are solved together, in order of dependence. Of these, what does not depend on itself is substituted. If
+g - z is linear in the rest (its Jacobian does not depend on z), it is eliminated here; if not, it is a ``Loop`` that
+the engine solves.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from graphlib import TopologicalSorter
 from typing import Any
@@ -78,6 +79,8 @@ class Closure:
         return self._closed(columns, guess, exact=True)
 
     def _closed(self, columns: Sequence[Column], guess: Column, *, exact: bool) -> list[Column]:
+        if not self.loops:
+            return [*columns, ca.SX(0, 1)]
         known, values, roots, place = ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1), 0
         for one in self._open:
             w = _replaced(one.w, known, values)
@@ -88,7 +91,7 @@ class Closure:
             known, values, roots = ca.vertcat(known, one.z), ca.vertcat(values, value), ca.vertcat(roots, root, count)
         everything = _replaced(_replaced(ca.vertcat(ca.SX(0, 1), *columns), *self._solved), known, values)
         ends = np.cumsum([0, *(column.shape[0] for column in columns)])
-        return [*(everything[int(a) : int(b)] for a, b in zip(ends, ends[1:], strict=False)), roots]
+        return [*(everything[int(a) : int(b)] for a, b in itertools.pairwise(ends)), roots]
 
     def _solve(self, tears: list[Tear]) -> None:
         """Solve signals that depend on one another; what they read has been solved before."""
@@ -121,14 +124,20 @@ class Closure:
 
     def _need_solution(self, jacobian: Any, path: tuple[str, ...]) -> None:
         """Raise AlgebraicLoop for a loop that is singular whatever the parameters."""
-        if jacobian.is_constant() and not np.linalg.matrix_rank(np.asarray(ca.DM(jacobian), dtype=float)) == len(
-            np.asarray(ca.DM(jacobian))
-        ):
+        if not jacobian.is_constant():
+            return
+        if np.linalg.matrix_rank(np.asarray(ca.DM(jacobian), dtype=float)) < jacobian.shape[0]:
             text = (
-                f"{' -> '.join(path)} passes its own value on unchanged (its loop gain is 1), so it has no solution, or "
-                "any. Check the signs of its sums, or break it with a block that has a state."
+                f"{' -> '.join(path)} passes its own value on unchanged (its loop gain is 1), so it has no solution, "
+                "or any. Check the signs of its sums, or break it with a block that has a state."
             )
             raise AlgebraicLoop(self.flat.title, [text], self.flat.where, path)
+
+
+def _parts(column: Column) -> list[Any]:
+    """The elements of a column."""
+    made: list[Any] = ca.vertsplit(column) if column.shape[0] else []
+    return made
 
 
 def _groups(tears: list[Tear]) -> list[list[int]]:
@@ -138,7 +147,7 @@ def _groups(tears: list[Tear]) -> list[list[int]]:
     z, g = (ca.vertcat(*column) for column in zip(*((t.symbol, t.expression) for t in tears), strict=True))
     depends = ca.Function("g", [z, _others(g, z)], [g]).jac_sparsity(0, 0) + ca.Sparsity.diag(len(tears))
     _, order, ends = depends.scc()
-    groups = [sorted(order[a:b]) for a, b in zip(ends, ends[1:], strict=False)]
+    groups = [sorted(order[a:b]) for a, b in itertools.pairwise(ends)]
     return _ordered(groups, depends)
 
 
@@ -153,8 +162,9 @@ def _ordered(groups: list[list[int]], depends: Any) -> list[list[int]]:
 
 
 def _substituted(z: Column, g: Column) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
-    """The signals that depend on themselves once the others are substituted; and these, in the order of substitution."""
-    left, passed = list(zip(ca.vertsplit(z), ca.vertsplit(g), strict=True)), list[tuple[Any, Any]]()
+    """The signals that depend on themselves once the others are substituted; and these, in that order."""
+    left: list[tuple[Any, Any]] = list(zip(_parts(z), _parts(g), strict=True))
+    passed: list[tuple[Any, Any]] = []
     while len(left) > 1:
         chosen = next((k for k, (symbol, made) in enumerate(left) if not ca.depends_on(made, symbol)), None)
         if chosen is None:
@@ -162,7 +172,7 @@ def _substituted(z: Column, g: Column) -> tuple[list[tuple[Any, Any]], list[tupl
         symbol, made = left.pop(chosen)
         passed.append((symbol, made))
         others = ca.substitute(ca.vertcat(*(one for _, one in left)), symbol, made)
-        left = list(zip((s for s, _ in left), ca.vertsplit(others), strict=True))
+        left = list(zip((s for s, _ in left), _parts(others), strict=True))
     return left, passed
 
 
@@ -171,7 +181,8 @@ def _is_smooth(f: Column, z: Column) -> bool:
     function = ca.Function("f", [z, _others(f, z)], [ca.densify(f)])
     moving: dict[int, bool] = {}
     for k in range(function.n_instructions()):
-        code, ins, outs = (form(k) for form in (function.instruction_id, function.instruction_input, function.instruction_output))
+        code: int = function.instruction_id(k)
+        ins, outs = function.instruction_input(k), function.instruction_output(k)
         if code == ca.OP_INPUT:
             moving[outs[0]] = ins[0] == 0
         elif code != ca.OP_OUTPUT:
@@ -201,12 +212,12 @@ def _guarded(jacobian: Any, values: Column) -> Column:
         _, r = ca.qr(ca.densify(jacobian))
         pivots, sizes = ca.diag(r), ca.sum1(ca.fabs(jacobian)).T
         singular = ca.mmax(ca.fabs(pivots) < SINGULAR * (1 + sizes))
-    return ca.vertcat(*(ca.if_else(singular, np.nan, value) for value in ca.vertsplit(values)))
+    return ca.vertcat(*(ca.if_else(singular, np.nan, value) for value in _parts(values)))
 
 
 def _others(expressions: Column, symbols: Column) -> Column:
     """All other symbols of expressions."""
-    own = {symbol.element_hash() for symbol in ca.vertsplit(symbols)}
+    own = {symbol.element_hash() for symbol in _parts(symbols)}
     return ca.vertcat(ca.SX(0, 1), *(s for s in ca.symvar(expressions) if s.element_hash() not in own))
 
 
@@ -214,23 +225,23 @@ def _replaced(expressions: Column, symbols: Column, values: Column) -> Column:
     """Expressions with other values for some symbols; what does not depend on them stays the same, not a copy."""
     if not symbols.shape[0] or not ca.depends_on(expressions, symbols):
         return expressions
-    return _walk(expressions, symbols, ca.vertsplit(values), None)
+    return _walk(expressions, symbols, _parts(values), None)
 
 
 def _cut(expressions: Column, symbols: Column) -> tuple[Column, Column, Column]:
     """Expressions in terms of ``symbols`` and of new symbols for all that does not depend on them.
 
-    Returns the expressions, what the new symbols stand for, and the new symbols.
+    Returns the expressions, what the new symbols denote, and the new symbols.
     """
     reads: dict[Any, tuple[Any, Any]] = {}
-    made = _walk(expressions, symbols, ca.vertsplit(symbols), reads)
+    made = _walk(expressions, symbols, _parts(symbols), reads)
     outside, new = zip(*reads.values(), strict=True) if reads else ((), ())
     return made, ca.vertcat(ca.SX(0, 1), *outside), ca.vertcat(ca.SX(0, 1), *new)
 
 
 def _walk(expressions: Column, symbols: Column, values: Sequence[Any], reads: dict[Any, tuple[Any, Any]] | None) -> Any:
     """Form anew what depends on the symbols; with ``reads`` other operands are replaced, and collected there."""
-    others = ca.vertsplit(_others(expressions, symbols))
+    others: Any = _parts(_others(expressions, symbols))
     f = ca.Function("f", [symbols, ca.vertcat(ca.SX(0, 1), *others)], [ca.densify(expressions)])
     nodes, made = f.instructions_sx(), [ca.SX(0)] * expressions.shape[0]
     work: dict[int, tuple[Any, bool]] = {}  # expression, and whether it depends on the symbols
@@ -269,8 +280,8 @@ def _called(node: Any, operands: list[Any]) -> list[Any]:
     """The results of a call with other operands."""
     function = node.which_function()
     ends = np.cumsum([0, *(function.numel_in(k) for k in range(function.n_in()))])
-    arguments = [ca.vertcat(ca.SX(0, 1), *operands[a:b]) for a, b in zip(ends, ends[1:], strict=False)]
-    return [part for result in function.call(arguments) for part in ca.vertsplit(result)]
+    arguments = [ca.vertcat(ca.SX(0, 1), *operands[a:b]) for a, b in itertools.pairwise(ends)]
+    return [part for result in function.call(arguments) for part in _parts(result)]
 
 
 def functions(name: str, reads: list[Any], results: Sequence[Column], closure: Closure) -> tuple[Any, Any, Any]:
@@ -282,4 +293,5 @@ def functions(name: str, reads: list[Any], results: Sequence[Column], closure: C
     guess = ca.SX.sym("guess", closure.size)
     alone = ca.Function(name, reads, closure.exact(results, ca.SX.zeros(closure.size))[:-1], *names)
     forms = [form(results, guess) for form in (closure.plain, closure.exact)]
-    return alone, *(ca.Function(name, [*reads, guess], form, *SOLVING[name]) for form in forms)
+    plain, exact = (ca.Function(name, [*reads, guess], form, *SOLVING[name]) for form in forms)
+    return alone, plain, exact

@@ -38,8 +38,9 @@ class CasadiKernel(Kernel):
         }
         self.bound: list[Any] = []  # buffers, which must be kept alive
 
-        def function(*results: str) -> Any:
-            """A call without arguments that sets the arrays of these results."""
+        def function(*results: str, loops: str) -> Any:
+            """A call without arguments that sets the arrays of these results, and takes over the solutions of loops."""
+            results = (*results, loops) if plan.loops else results
             made = ca.cse([ca.densify(expressions[k]) for k in results])
             f = ca.Function("f", list(symbols.values()), made)
             buffer: Any
@@ -49,13 +50,18 @@ class CasadiKernel(Kernel):
                 for k, name in enumerate(names):
                     bind(k, memoryview(self.arrays[name].reshape(-1)))
             self.bound.append(buffer)
-            return call
 
-        here = ("y", "s", *(("new_loops",) if plan.loops else ()))
-        self.signals = function(*here) if plan.wide_s else function(*here, "ahead")
-        self.step: Any = function("ahead") if plan.wide_s else None
-        self.solves, renewed = bool(plan.loops), ("new_d", "new_x", *(("renewed_loops",) if plan.loops else ()))
-        self.update: Any = function(*renewed) if plan.update is not None else None
+            def solve() -> None:
+                call()
+                self.arrays["loops"][:] = self.arrays[loops]
+
+            return solve if plan.loops else call
+
+        here = ("y", "s")
+        alone = {"loops": "loops_here"} if plan.wide_s else {"loops": "loops_ahead"}
+        self.signals = function(*here, *(() if plan.wide_s else ("ahead",)), **alone)
+        self.step: Any = function("ahead", loops="loops_ahead") if plan.wide_s else None
+        self.update: Any = function("new_d", "new_x", loops="new_loops") if plan.update is not None else None
         self.lag: Any = plan.lag.map(plan.lanes) if plan.wide_s else None
         layouts = (self.layout_x, self.layout_d, self.layout_p, self.layout_y)
         self.places = {name: _places(layout) for name, layout in zip("xdpy", layouts, strict=True)}
@@ -85,8 +91,6 @@ class CasadiKernel(Kernel):
             if update is not None:
                 self._update(k, steps.hits)
             signals()
-            if self.solves:
-                a["loops"][:] = a["new_loops"]
             if left == 0:
                 y[row] = logged if alone else logged[order]
                 row, left = row + 1, every
@@ -106,8 +110,6 @@ class CasadiKernel(Kernel):
         if self.plan.every_step or a["hit"].any():
             self.update()
             a["d"][:], a["x"][:] = a["new_d"], a["new_x"]
-            if self.solves:
-                a["loops"][:] = a["renewed_loops"]
 
 
 class _DelayLine:
@@ -194,7 +196,7 @@ def _expressions(plan: Plan, jumps: bool) -> tuple[dict[str, Any], dict[str, Any
         return [now - hair if jumps and offset == 1 else now, ahead, d, inputs, past, p]
 
     dx, y, s = solving.call(f, arguments(0.0, x))
-    rates = [dx]
+    rates, here = [dx], solving.loops
     for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
         ahead = x
         for a, rate in zip(row, rates, strict=True):
@@ -205,11 +207,12 @@ def _expressions(plan: Plan, jumps: bool) -> tuple[dict[str, Any], dict[str, Any
     if plan.watched and len(plan.y) < y.shape[0]:
         # CasADi's min and max drop a NaN, so a fault of a signal that is not logged is passed on to those that are.
         fault = ca.if_else(ca.fabs(ca.sum1(y)) < inf, 0, nan)
-    results = {"ahead": ahead + fault, "y": y[list(plan.y)] + fault, "s": s, "new_loops": solving.loops}
+    results = {"ahead": ahead + fault, "y": y[list(plan.y)] + fault, "s": s}
+    results |= {"loops_here": here, "loops_ahead": solving.loops}
     if plan.update is not None:
         sampling = Solving(plan.loops, loops)
         results["new_d"], results["new_x"] = sampling.call(plan.update, [*arguments(0.0, x), hit])
-        results["renewed_loops"] = sampling.loops
+        results["new_loops"] = sampling.loops
     return symbols, results
 
 

@@ -226,6 +226,18 @@ class KernelFrame:
         layout = Layout.of(tuple(wide), self.plan.lanes)
         return layout, [layout.offset[k] for k in places]
 
+    def operation(self, w: Writer, program: LaneProgram, node: int, given: list[str]) -> str:
+        """Write one node; ``given`` are the nodes that it reads, each as wide as it is itself."""
+        name, args = program.nodes[node]
+        if name.startswith("SOLVE"):
+            return self.solve(w, program, node, given)
+        if name.startswith("ROOT"):
+            return self.root(w, program, node)
+        wide = program.wide[node]
+        return w.operation(
+            name, [v if program.wide[j] or not wide else w.widen(v) for j, v in zip(args, given, strict=True)], wide
+        )
+
     def solve(self, w: Writer, program: LaneProgram, node: int, given: list[str]) -> str:
         """Write the call that solves a loop; its result, which nothing reads, is 0."""
         name, args = program.nodes[node]

@@ -21,8 +21,7 @@ FUNCTION_OPERATIONS = 200
 WIDTH = 8
 """Doubles that loops over states process at a time (a 512-bit vector); arrays in the work area are padded to it."""
 
-_ARGUMENTS = ("x", "d", "p", "u", "q", "hit", "work", "fixed", "loops", "o0", "o1", "o2")
-_SIGNATURE = "double %t, " + ", ".join(f"ptr noalias %{a}" for a in _ARGUMENTS)
+_ARGUMENTS = ("x", "d", "p", "u", "q", "hit", "work", "fixed", "o0", "o1", "o2")
 Store = tuple[int | None, str, int, bool]
 """(node or None for zero, array, offset, wide): where the value of an output is stored."""
 
@@ -55,6 +54,8 @@ class LargeKernel(KernelFrame):
         super().__init__(plan, host)
         single = {k: Layout.of((False,) * n, plan.lanes) for k, n in (("u", plan.inputs), ("hit", plan.groups))}
         self.layouts = {"x": self.x, "d": self.d, "p": self.p, "q": self.q, **single}
+        self.arguments = (*_ARGUMENTS, *(("loops",) if plan.loops else ()))
+        self.signature = "double %t, " + ", ".join(f"ptr noalias %{a}" for a in self.arguments)
         self.parts: list[str] = []
         self.temporaries = 0
         self.fixed_size = 0
@@ -95,13 +96,13 @@ class LargeKernel(KernelFrame):
         for k in range(count):
             part = work[k * FUNCTION_OPERATIONS : (k + 1) * FUNCTION_OPERATIONS]
             self._piece(f"{name}_{k}", cut, part, ends[k])
-        arguments = ", ".join(f"ptr %{a}" for a in _ARGUMENTS)
+        arguments = ", ".join(f"ptr %{a}" for a in self.arguments)
         calls = (f"  call void @{name}_{k}(double %t, {arguments})" for k in range(count))
         self._define(name, calls)
 
     def _define(self, name: str, lines: Iterable[str]) -> None:
         body = "\n".join(lines)
-        self.parts.append(f"define internal void @{name}({_SIGNATURE}) noinline {{\n{body}\n  ret void\n}}")
+        self.parts.append(f"define internal void @{name}({self.signature}) noinline {{\n{body}\n  ret void\n}}")
 
     def _piece(self, name: str, cut: _Cut, work: list[int], stores: list[Store]) -> None:
         """Write one function: the operations of ``work``, and what it stores."""
@@ -122,16 +123,9 @@ class LargeKernel(KernelFrame):
         for store in stores:
             due.setdefault(store[0], []).append(store)
         for node in work:
-            operation, args = program.nodes[node]
-            wide = program.wide[node]
-            if operation.startswith("SOLVE"):
-                values[node] = self.solve(w, program, node, [get(j, False) for j in args])
-            elif operation.startswith("ROOT"):
-                values[node] = self.root(w, program, node)
-            else:
-                values[node] = w.operation(operation, [get(j, wide) for j in args], wide)
+            values[node] = self.operation(w, program, node, [get(j, False) for j in program.arguments(node)])
             if node in cut.places:
-                w.store(values[node], w.at("%work", cut.places[node]), wide)
+                w.store(values[node], w.at("%work", cut.places[node]), program.wide[node])
             for store in due.pop(node, ()):  # stored at once, so that it need not stay on the stack
                 put(*store)
         for store in itertools.chain(*due.values()):
@@ -182,10 +176,15 @@ class LargeKernel(KernelFrame):
         self.at = dict(zip(sizes, places, strict=True))
 
     def _call(self, name: str, t: str, x: str, o: tuple[str, str, str], u: str = "%u") -> None:
-        given = {a: f"%{a}" for a in _ARGUMENTS} | {"x": x, "d": "%ds", "u": u, "hit": "%hits", "work": "%temporaries"}
-        given["loops"] = "%loops" if self.plan.loops else "%spare"
+        given = {a: f"%{a}" for a in self.arguments} | {
+            "x": x,
+            "d": "%ds",
+            "u": u,
+            "hit": "%hits",
+            "work": "%temporaries",
+        }
         given |= zip(("o0", "o1", "o2"), o, strict=True)
-        self.w.do(f"call void @{name}(double {t}, {', '.join(f'ptr {given[a]}' for a in _ARGUMENTS)})")
+        self.w.do(f"call void @{name}(double {t}, {', '.join(f'ptr {given[a]}' for a in self.arguments)})")
 
     def _combine(self, out: str, start: str, slope: str, weight: float) -> None:
         """out = start + h * weight * slope, over all states."""

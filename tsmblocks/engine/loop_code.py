@@ -139,32 +139,20 @@ class LoopWriter:
         return first
 
     def _iteration(self, guess: list[str], values: dict[int, str]) -> tuple[dict[str, str], str]:
-        """One evaluation and what follows from it (see ``loops``): the state after it, and whether all lanes are done."""
+        """One evaluation and what follows from it (see ``loops``): the state after it, and whether all is done."""
         w, n, values = self.w, range(self.size), dict(values)
         zero, one = self._number(0.0), self._number(1.0)
         self._evaluate(values, [f"%c{k}" for k in n], moving=True)
         step, size = [self._result(values, 0, k) for k in n], self._result(values, 1, 0)
-        small = self._small(step, guess)
-        lower = w.emit(f"fmul {self.type} %share, {self._number(-DECREASE)}")
-        limit = w.emit(f"fmul {self.type} %merit, {w.emit(f'fadd {self.type} {lower}, {one}')}")
-        below = self._compare("ole", size, limit)
-        accepted = self._logic("and", below, self._compare("olt", size, self._number(FINITE)))
-        z = [self._pick(accepted, f"%c{k}", f"%z{k}") for k in n]
-        dz = [self._pick(accepted, step[k], f"%dz{k}") for k in n]
-        merit = self._pick(accepted, size, "%merit")
-        more = w.emit(f"fmul {self.type} %share, {self._number(4.0)}")
-        more = self._pick(self._compare("olt", more, one), more, one)
-        share = self._pick(accepted, more, w.emit(f"fmul {self.type} %share, {self._number(0.5)}"))
+        small, accepted = self._small(step, guess), self._accepted(size)
+        points = [(self._pick(accepted, f"%c{k}", f"%z{k}"), self._pick(accepted, step[k], f"%dz{k}")) for k in n]
+        merit, share = self._pick(accepted, size, "%merit"), self._share(accepted)
         tries = w.emit(f"fadd {self.type} %tries, {one}")
-        stuck = self._logic(
-            "or",
-            self._compare("olt", share, self._number(LEAST_SHARE)),
-            self._compare("oge", tries, self._number(MOST_ITERATIONS)),
-        )
+        spent = self._compare("oge", tries, self._number(MOST_ITERATIONS))
+        stuck = self._logic("or", self._compare("olt", share, self._number(LEAST_SHARE)), spent)
         failed = self._logic("and", stuck, self._not(small))
         start = self._pick(failed, w.emit(f"fadd {self.type} %start, {one}"), "%start")
         over = self._logic("or", small, self._compare("ogt", start, self._number(STARTS)))
-        done = self._logic("or", "%done", over)
         solved = self._logic("and", small, self._not("%done"))
         after = {
             "merit": self._pick(failed, self._number(math.inf), merit),
@@ -172,18 +160,31 @@ class LoopWriter:
             "tries": self._pick(failed, zero, tries),
             "start": start,
             "count": w.emit(f"fadd double %count, {ONE}"),
-            "done": done,
+            "done": self._logic("or", "%done", over),
         }
-        for k in n:
+        for k, (z, dz) in enumerate(points):
             found = w.emit(f"fadd {self.type} %c{k}, {step[k]}")
-            part = w.emit(f"fmul {self.type} {share}, {dz[k]}")
             after[f"root{k}"] = self._pick(solved, found, f"%root{k}")
-            after[f"c{k}"] = w.emit(f"fadd {self.type} {z[k]}, {part}")
-            after[f"z{k}"] = z[k]
-            after[f"dz{k}"] = self._pick(failed, zero, dz[k])
-        ended = self._every(done)
+            after[f"c{k}"] = w.emit(f"fadd {self.type} {z}, {w.emit(f'fmul {self.type} {share}, {dz}')}")
+            after[f"z{k}"] = z
+            after[f"dz{k}"] = self._pick(failed, zero, dz)
+        ended = self._every(after["done"])
         self._begin_again(after, failed, start)
         return after, ended
+
+    def _accepted(self, size: str) -> str:
+        """Whether a candidate reduces the sum of squares enough."""
+        lower = self.w.emit(f"fmul {self.type} %share, {self._number(-DECREASE)}")
+        factor = self.w.emit(f"fadd {self.type} {lower}, {self._number(1.0)}")
+        below = self._compare("ole", size, self.w.emit(f"fmul {self.type} %merit, {factor}"))
+        return self._logic("and", below, self._compare("olt", size, self._number(FINITE)))
+
+    def _share(self, accepted: str) -> str:
+        """The share of the next correction that is taken."""
+        one = self._number(1.0)
+        more = self.w.emit(f"fmul {self.type} %share, {self._number(4.0)}")
+        more = self._pick(self._compare("olt", more, one), more, one)
+        return self._pick(accepted, more, self.w.emit(f"fmul {self.type} %share, {self._number(0.5)}"))
 
     def _begin_again(self, after: dict[str, str], failed: str, start: str) -> None:
         """Candidates where the method begins again, in a block of its own since that is rare."""
@@ -233,4 +234,3 @@ class LoopWriter:
         more = w.emit(f"fcmp ogt double {count}, {before}")
         w.store(w.emit(f"select i1 {more}, double {count}, double {before}"), place["most"], False)
         w.do("ret void")
-

@@ -133,8 +133,8 @@ def reports(loops: Sequence[Loop], kept: Sequence[np.ndarray]) -> tuple[LoopRepo
 def solving_function(number: int, correction: Any) -> Any:
     """The solution of a loop as a function of the last one and of w, with the number of iterations.
 
-    It is not inlined, so that kernels can recognise it by its name. Its derivative counts as 0 (see ``LoopForms``); it is
-    a function of scalars around one of matrices since CasADi 3.8 leaves the derivative of the latter undefined then.
+    It is not inlined, so that kernels can recognise it by its name. Its derivative counts as 0 (see ``LoopForms``); it
+    is a function of scalars around one of matrices since CasADi 3.8 leaves the derivative of the latter undefined then.
     """
     n, m = correction.size1_in(0), correction.size1_in(1)
     guess, w = ca.MX.sym("guess", n), ca.MX.sym("w", m)
@@ -145,7 +145,7 @@ def solving_function(number: int, correction: Any) -> Any:
     state = ca.if_else(state[-1 - m], state, rest, True)  # evaluated only where some are left
     inner = ca.Function("newton", [guess, w], [state[:n], state[-2 - m]], {"never_inline": True})
     scalars = ca.SX.sym("guess", n), ca.SX.sym("w", m)
-    options = {"never_inline": True, "is_diff_in": [False, False]}
+    options: dict[str, Any] = {"never_inline": True, "is_diff_in": [False, False]}
     return ca.Function(f"{NAME}{number}", scalars, inner.call(scalars), ["guess", "w"], ["root", "count"], options)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import functools
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 import casadi as ca
@@ -55,8 +56,8 @@ class Program:
         # Positions of the stored elements in the dense columns.
         rows_in = [list(f.sparsity_in(k).row()) for k in range(f.n_in())]
         rows_out = [list(f.sparsity_out(k).row()) for k in range(f.n_out())]
+        calls = functools.cache(f.instructions_sx)
         op_of, ins, outs = f.instruction_id, f.instruction_input, f.instruction_output
-        calls: Any = None
         for k in range(f.n_instructions()):
             name = _NAMES[op_of(k)]
             if name == "CONST":
@@ -69,19 +70,19 @@ class Program:
                 if f.name_out(slot) != "roots":  # kernels have solutions of loops in their memory
                     self.outputs[slot, rows_out[slot][index]] = work[ins(k)[0]]
             elif name == "CALL":
-                calls = f.instructions_sx() if calls is None else calls
-                solver = calls[k].which_function()
-                if not solver.name().startswith(NAME):  # a derivative of such a call, which counts as 0
-                    work |= {slot: push("CONST", (0.0,)) for slot in outs(k) if slot >= 0}
-                    continue
-                number, size = int(solver.name().removeprefix(NAME)), solver.numel_in(0)
-                self.solving[number] = solver
-                call = push(f"SOLVE {number}", tuple(work[j] for j in ins(k)[size:]))
-                for i, slot in enumerate(outs(k)[:size]):
-                    if slot >= 0:
-                        work[slot] = push(f"ROOT {i}", (call,))
+                made = self._solution(calls()[k].which_function(), [work[j] for j in ins(k)], push)
+                work |= {slot: node for slot, node in zip(outs(k), made, strict=False) if slot >= 0}
             else:
                 work[outs(k)[0]] = push(name, tuple(work[j] for j in ins(k)))
+
+    def _solution(self, solver: Any, args: list[int], push: Callable[[str, tuple[Any, ...]], int]) -> list[int]:
+        """The nodes of a call that solves a loop; derivatives of such a call count as 0 (see ``LoopForms``)."""
+        if not solver.name().startswith(NAME):
+            return [push("CONST", (0.0,))] * solver.nnz_out()
+        number, size = int(solver.name().removeprefix(NAME)), solver.numel_in(0)
+        self.solving[number] = solver
+        call = push(f"SOLVE {number}", tuple(args[size:]))
+        return [push(f"ROOT {i}", (call,)) for i in range(size)]
 
     def _is_fixed(self, name: str, args: tuple[Any, ...]) -> bool:
         """Whether a node depends on parameters only."""

@@ -34,7 +34,6 @@ class RegisterKernel(KernelFrame):
 
     def write(self, program: LaneProgram, nodes: set[int], values: Values, read: dict[str, list[str]]) -> None:
         """Write the nodes not yet among ``values``; ``read`` holds the inputs by slot name."""
-        w, wide = self.w, program.wide
         for node in sorted(nodes):
             if node in values:
                 continue
@@ -43,13 +42,8 @@ class RegisterKernel(KernelFrame):
                 values[node] = llvm_double(args[0])
             elif name == "INPUT":
                 values[node] = read[program.inputs[args[0]]][args[1]]
-            elif name.startswith("SOLVE"):
-                values[node] = self.solve(w, program, node, [values[j] for j in args])
-            elif name.startswith("ROOT"):
-                values[node] = self.root(w, program, node)
             else:
-                given = [values[j] if wide[j] or not wide[node] else w.widen(values[j]) for j in args]
-                values[node] = w.operation(name, given, wide[node])
+                values[node] = self.operation(self.w, program, node, [values[j] for j in args])
 
     def result(self, program: LaneProgram, node: int | None, values: Values, wide: bool) -> str:
         """The value of an output, widened where it is stored for each lane."""

@@ -82,9 +82,7 @@ class Code:
         return paths[0], paths[1]
 
 
-def to_c(
-    diagram: Diagram, *, step: float, method: str = "rk4", name: str = "controller", loops: str = SOLVE
-) -> Code:
+def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "controller", loops: str = SOLVE) -> Code:
     """Write a diagram as C99 that takes one fixed step at each call.
 
     ``NAME_init(&c)`` sets the initial state and the parameters, which are then in ``c.p`` and may be changed.
@@ -151,7 +149,7 @@ class _Text:
         self.room = 1 << int(max(tau, default=0) + SPARE).bit_length()
         self.loops = solved_loops(eq.loops)
         places = itertools.accumulate((loop.size for loop in self.loops), initial=0)
-        self.solvers = {k: (f"{name}_loop_{k}", first) for (k, _), first in zip(enumerate(self.loops), places)}
+        self.solvers = {k: (f"{name}_loop_{k}", first) for k, first in enumerate(places)}
         self.rhs = Program(eq.plain[0])
         self.jumps = time_jumps(self.rhs)
         inputs = [f.name.removeprefix("d/dt " * f.order) + "_dot" * f.order for f in eq.u]

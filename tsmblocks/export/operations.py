@@ -62,7 +62,10 @@ def c_double(value: float) -> str:
 
 
 def statements(
-    program: Program, goals: Mapping[str, int], place: Callable[[int, int], str], loops: Mapping[int, tuple[str, int]] = {}
+    program: Program,
+    goals: Mapping[str, int],
+    place: Callable[[int, int], str],
+    loops: Mapping[int, tuple[str, int]] = {},
 ) -> list[str]:
     """C statements that compute nodes and store them: ``goals`` maps targets of assignments to nodes.
 

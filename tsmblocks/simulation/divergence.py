@@ -69,9 +69,9 @@ def _loop_message(loop: Loop, before: dict[str, float], time: float) -> str:
             f"any.{last} Change a gain, or break it with a block that has a state (a lag, an integrator)."
         )
     return (
-        f"the algebraic loop {loop} has no solution at t = {time:g} s that Newton's method finds, from the last one and "
-        f"from {STARTS} other starts.{last} Something that jumps (a sign, a comparison) may leave a loop without one; "
-        "break it with a block that has a state (a lag, an integrator)."
+        f"the algebraic loop {loop} has no solution at t = {time:g} s that Newton's method finds, from the last "
+        f"one and from {STARTS} other starts.{last} Something that jumps (a sign, a comparison) may leave a loop "
+        "without one; break it with a block that has a state (a lag, an integrator)."
     )
 
 

@@ -90,8 +90,8 @@ def simulate(
     Raises
     ------
     NotFinite
-        For a signal that becomes NaN or infinite, and for an algebraic loop without a solution; ``error.run`` is the run
-        up to there.
+        For a signal that becomes NaN or infinite, and for an algebraic loop without a solution; ``error.run`` is the
+        run up to there.
     RunError
         For times, a method, an initial state or a pattern that is not possible, and for ``locate`` with a
         transport delay.
