@@ -12,9 +12,10 @@ from typing import Any
 
 import casadi as ca
 
+from tsmblocks.common.errors import AlgebraicLoop
 from tsmblocks.compiler.evaluate import Evaluator
 from tsmblocks.compiler.flatten import FlatDiagram, is_held_output
-from tsmblocks.compiler.loops import Closure, functions
+from tsmblocks.engine.closure import Closure, functions
 from tsmblocks.engine.equations import LAG, START, Equations
 from tsmblocks.engine.loops import LoopForms
 from tsmblocks.model.diagram import Diagram
@@ -78,15 +79,27 @@ def _closed(
     reads: list[Any], between: Evaluator, results: list[Any], update: tuple[Evaluator, list[Any]] | None
 ) -> dict[str, Any]:
     """``rhs`` and ``update`` with their loops solved, ``loops``, and the ``forms`` of both for kernels."""
-    closures = [Closure(between, 0)]
+    closures = [_closure(between, 0)]
     rhs = functions("rhs", reads, results, closures[0])
     at_samples = (None, None, None)
     if update is not None:
-        closures.append(Closure(update[0], closures[0].count))
+        closures.append(_closure(update[0], closures[0].count))
         at_samples = functions("update", [*reads, update[0].hit], update[1], closures[1])
     forms = LoopForms((rhs[1], at_samples[1]), (rhs[2], at_samples[2])) if any(c.size for c in closures) else None
     loops = tuple(loop for closure in closures for loop in closure.loops)
     return {"rhs": rhs[0], "update": at_samples[0], "loops": loops, "forms": forms}
+
+
+def _closure(evaluator: Evaluator, first: int) -> Closure:
+    """The loops of an evaluator, solved. Raises AlgebraicLoop for one that is singular whatever the parameters."""
+    made = Closure(list(evaluator.tears.values()), first, at_samples=not evaluator.held)
+    for path in made.singular:
+        text = (
+            f"{' -> '.join(path)} passes its own value on unchanged (its loop gain is 1), so it has no solution, or "
+            "any. Check the signs of its sums, or break it with a block that has a state."
+        )
+        raise AlgebraicLoop(evaluator.flat.title, [text], evaluator.flat.where, path)
+    return made
 
 
 def _initial(flat: FlatDiagram, keys: Iterable[tuple[str, ...]]) -> list[Any]:

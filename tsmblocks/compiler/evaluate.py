@@ -3,8 +3,8 @@
 A node is an output of a block, the derivative of a state, the time derivative of a signal, or a past value. It is
 formed when all nodes that it reads are formed. A node that is needed while it is being formed is part of an algebraic
 loop, and the stack is the path of the loop: the loop is torn there, that is, the node is a symbol for what reads it,
-and its own expression is kept to be solved (``loops``). There is no recursion, so chains may be long. Past values are
-expressions of what the engine stores of a signal.
+and its own expression is kept to be solved (``engine.closure``). There is no recursion, so chains may be long. Past
+values are expressions of what the engine stores of a signal.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import itertools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import attrs
 import casadi as ca
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
 from tsmblocks.compiler.dependencies import EQUATIONS, call
 from tsmblocks.compiler.flatten import FlatDiagram, Node, is_held_output
+from tsmblocks.engine.closure import Tear
 from tsmblocks.engine.equations import DELAY_NUMBERS, SampledInput
 from tsmblocks.model.block import signals
 
@@ -26,15 +26,6 @@ _PENDING = ca.SX.sym("pending")
 """Placeholder of an input that has not been formed."""
 _RATE_OF = {"x": "dx", "loop": "rate"}
 """Kind of the node that is the time derivative of a symbol."""
-
-
-@attrs.define(eq=False)
-class Tear:
-    """A signal at which a loop is torn: its symbol, the signals around the loop, and its own ``expression``."""
-
-    symbol: Any
-    path: list[str]
-    expression: Any = None
 
 
 class Evaluator:

@@ -1,6 +1,6 @@
 """Algebraic loops: eliminated where they are linear, else left to the engine with their exact Jacobian.
 
-The evaluator has torn each loop at some signals z and gives, of each, its expression g(z, …). Signals that depend on
+Each loop has been torn at some signals z, and of each there is its own expression g(z, …). Signals that depend on
 one another are solved together, in order of dependence. Of these, what does not depend on itself is substituted. If
 g - z is linear in the rest (its Jacobian does not depend on z), it is eliminated here; if not, it is a ``Loop`` that
 the engine solves.
@@ -17,8 +17,6 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.common.errors import AlgebraicLoop
-from tsmblocks.compiler.evaluate import Evaluator, Tear
 from tsmblocks.engine.equations import RHS, SOLVING, UPDATE
 from tsmblocks.engine.loops import Loop, solving_function
 
@@ -34,6 +32,15 @@ Column = Any
 """A column of expressions."""
 
 
+@attrs.define(eq=False)
+class Tear:
+    """A signal at which a loop is torn: its symbol, the signals around the loop, and its own ``expression``."""
+
+    symbol: Any
+    path: list[str]
+    expression: Any = None
+
+
 @attrs.frozen(eq=False)
 class _Open:
     """A loop that the engine solves: the symbols ``z`` of its signals, and the expressions ``w`` that it reads."""
@@ -45,15 +52,17 @@ class _Open:
 
 
 class Closure:
-    """The solved loops of an evaluator. ``loops`` describes them; ``first`` is the number of the first one."""
+    """Solved loops. ``loops`` describes them; ``first`` is the number of the first one that the engine solves.
 
-    def __init__(self, evaluator: Evaluator, first: int) -> None:
-        self.flat = evaluator.flat
+    ``singular`` are the paths of loops that are singular whatever the parameters.
+    """
+
+    def __init__(self, tears: Sequence[Tear], first: int, *, at_samples: bool = False) -> None:
         self.loops: list[Loop] = []
+        self.singular: list[tuple[str, ...]] = []
         self._first, self._open = first, list[_Open]()
-        self._at_samples = not evaluator.held
+        self._at_samples = at_samples
         self._solved: tuple[Column, Column] = (ca.SX(0, 1), ca.SX(0, 1))  # symbols, and what replaces them
-        tears = list(evaluator.tears.values())
         for group in _groups(tears):
             self._solve([tears[k] for k in group])
 
@@ -111,7 +120,7 @@ class Closure:
             values = z
         else:
             at_zero = ca.substitute(f, z, ca.SX.zeros(*z.shape))
-            self._need_solution(jacobian, path)
+            self._check(jacobian, path)
             values = _guarded(jacobian, -_quotient(jacobian, at_zero))
             self.loops.append(Loop(path, z.shape[0], None, self._at_samples))
             self._keep(z, ca.substitute(values, w, reads))
@@ -122,16 +131,12 @@ class Closure:
     def _keep(self, symbols: Column, values: Column) -> None:
         self._solved = (ca.vertcat(self._solved[0], symbols), ca.vertcat(self._solved[1], values))
 
-    def _need_solution(self, jacobian: Any, path: tuple[str, ...]) -> None:
-        """Raise AlgebraicLoop for a loop that is singular whatever the parameters."""
-        if not jacobian.is_constant():
-            return
-        if np.linalg.matrix_rank(np.asarray(ca.DM(jacobian), dtype=float)) < jacobian.shape[0]:
-            text = (
-                f"{' -> '.join(path)} passes its own value on unchanged (its loop gain is 1), so it has no solution, "
-                "or any. Check the signs of its sums, or break it with a block that has a state."
-            )
-            raise AlgebraicLoop(self.flat.title, [text], self.flat.where, path)
+    def _check(self, jacobian: Any, path: tuple[str, ...]) -> None:
+        """Note a loop that is singular whatever the parameters."""
+        if jacobian.is_constant():
+            numbers = np.asarray(ca.DM(jacobian), dtype=float)
+            if np.linalg.matrix_rank(numbers) < len(numbers):
+                self.singular.append(path)
 
 
 def _parts(column: Column) -> list[Any]:
@@ -140,7 +145,7 @@ def _parts(column: Column) -> list[Any]:
     return made
 
 
-def _groups(tears: list[Tear]) -> list[list[int]]:
+def _groups(tears: Sequence[Tear]) -> list[list[int]]:
     """Groups of signals that depend on one another, each after those that it depends on."""
     if not tears:
         return []
