@@ -15,7 +15,7 @@ import casadi as ca
 from tsmblocks.common.errors import AlgebraicLoop
 from tsmblocks.compiler.evaluate import Evaluator
 from tsmblocks.compiler.flatten import FlatDiagram, is_held_output
-from tsmblocks.engine.closure import Closure, functions
+from tsmblocks.engine.closure import Closure, functions, open_function
 from tsmblocks.engine.equations import LAG, START, Equations
 from tsmblocks.engine.loops import LoopForms
 from tsmblocks.model.diagram import Diagram
@@ -85,14 +85,16 @@ def _closed(
     if update is not None:
         closures.append(_closure(update[0], closures[0].count))
         at_samples = functions("update", [*reads, update[0].hit], update[1], closures[1])
-    forms = LoopForms((rhs[1], at_samples[1]), (rhs[2], at_samples[2])) if any(c.size for c in closures) else None
+    forms = None
+    if any(c.size for c in closures):
+        forms = LoopForms((rhs[1], at_samples[1]), (rhs[2], at_samples[2]), open_function(reads, results, closures[0]))
     loops = tuple(loop for closure in closures for loop in closure.loops)
     return {"rhs": rhs[0], "update": at_samples[0], "loops": loops, "forms": forms}
 
 
 def _closure(evaluator: Evaluator, first: int) -> Closure:
     """The loops of an evaluator, solved. Raises AlgebraicLoop for one that is singular whatever the parameters."""
-    made = Closure(list(evaluator.tears.values()), first, at_samples=not evaluator.held)
+    made = Closure(list(evaluator.tears.values()), first, function="rhs" if evaluator.held else "update")
     for path in made.singular:
         text = (
             f"{' -> '.join(path)} passes its own value on unchanged (its loop gain is 1), so it has no solution, or "

@@ -153,10 +153,10 @@ class Solving:
         """The results of a function, apart from the solutions."""
         if "guess" not in f.name_in():
             return list(f.call(arguments))
-        at_samples, parts, place = f.name() == "update", ca.vertsplit(self.loops), 0
+        parts, place = ca.vertsplit(self.loops), 0
         own, guess = [], []
         for loop in self.solved:
-            if loop.at_samples == at_samples:
+            if loop.function == f.name():
                 own.append((place, loop.size))
                 guess += parts[place : place + loop.size]
             place += region(loop)
@@ -197,12 +197,16 @@ def _expressions(plan: Plan, jumps: bool) -> tuple[dict[str, Any], dict[str, Any
 
     dx, y, s = solving.call(f, arguments(0.0, x))
     rates, here = [dx], solving.loops
-    for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
-        ahead = x
-        for a, rate in zip(row, rates, strict=True):
-            ahead = ahead + h * a * rate if a else ahead
-        rates.append(solving.call(f, arguments(offset, ahead))[0])
-    ahead = x + sum(h * b * rate for b, rate in zip(method.weights, rates, strict=True))
+    if plan.advance is not None:
+        times = ca.vertcat(*(arguments(offset, x)[0] for offset in method.instants))
+        ahead = solving.call(plan.advance, [times, h, x, d, u, q, p])[0]
+    else:
+        for row, offset in zip(method.rows[1:], method.offsets[1:], strict=True):
+            ahead = x
+            for a, rate in zip(row, rates, strict=True):
+                ahead = ahead + h * a * rate if a else ahead
+            rates.append(solving.call(f, arguments(offset, ahead))[0])
+        ahead = x + sum(h * b * rate for b, rate in zip(method.weights, rates, strict=True))
     fault: Any = 0
     if plan.watched and len(plan.y) < y.shape[0]:
         # CasADi's min and max drop a NaN, so a fault of a signal that is not logged is passed on to those that are.

@@ -49,19 +49,21 @@ class _Open:
     w: Column
     solver: Any
     correction: Any
+    residual: Any
 
 
 class Closure:
-    """Solved loops. ``loops`` describes them; ``first`` is the number of the first one that the engine solves.
+    """Solved loops of a function. ``loops`` describes them; ``first`` is the number of the first that the engine solves.
 
-    ``singular`` are the paths of loops that are singular whatever the parameters.
+    ``singular`` are the paths of loops that are singular whatever the parameters. With ``eliminate`` signals that are
+    linear in themselves are eliminated one by one, without pivoting: for steps of a method, where pivots are near 1.
     """
 
-    def __init__(self, tears: Sequence[Tear], first: int, *, at_samples: bool = False) -> None:
+    def __init__(self, tears: Sequence[Tear], first: int, *, function: str = "rhs", eliminate: bool = False) -> None:
         self.loops: list[Loop] = []
         self.singular: list[tuple[str, ...]] = []
         self._first, self._open = first, list[_Open]()
-        self._at_samples = at_samples
+        self._function, self._eliminate = function, eliminate
         self._solved: tuple[Column, Column] = (ca.SX(0, 1), ca.SX(0, 1))  # symbols, and what replaces them
         for group in _groups(tears):
             self._solve([tears[k] for k in group])
@@ -87,6 +89,16 @@ class Closure:
         """As ``plain``, with one more Newton correction, which gives the derivatives of the solution."""
         return self._closed(columns, guess, exact=True)
 
+    def open(self, columns: Sequence[Column]) -> tuple[Column, list[Column]]:
+        """The signals z of the loops that the engine solves, and expressions in terms of them.
+
+        The last one has what these signals must equal.
+        """
+        z, g = ca.SX(0, 1), ca.SX(0, 1)
+        for one in self._open:
+            z, g = ca.vertcat(z, one.z), ca.vertcat(g, one.z + one.residual.call([one.z, one.w])[0])
+        return z, [*(_replaced(column, *self._solved) for column in columns), g]
+
     def _closed(self, columns: Sequence[Column], guess: Column, *, exact: bool) -> list[Column]:
         if not self.loops:
             return [*columns, ca.SX(0, 1)]
@@ -107,22 +119,24 @@ class Closure:
         z = ca.vertcat(*(tear.symbol for tear in tears))
         given = _replaced(ca.vertcat(*(tear.expression for tear in tears)), *self._solved)
         g, reads, w = _cut(given, z)
-        rest, passed = _substituted(z, g)
-        left = ca.vertcat(*(g for _, g in rest))
-        z = ca.vertcat(*(symbol for symbol, _ in rest))
+        rest, passed = _substituted(z, g, eliminate=self._eliminate)
+        left = ca.vertcat(ca.SX(0, 1), *(g for _, g in rest))
+        z = ca.vertcat(ca.SX(0, 1), *(symbol for symbol, _ in rest))
         f, jacobian = left - z, ca.jacobian(left - z, z)
         path = tuple(tears[0].path)
-        if ca.depends_on(jacobian, z) or not _is_smooth(f, z):
+        values = z
+        if not z.shape[0]:
+            self.loops.append(Loop(path, 0, None, self._function))
+        elif ca.depends_on(jacobian, z) or not _is_smooth(f, z):
             correction = ca.Function("correction", [z, w], [-_quotient(jacobian, f), ca.sumsqr(f)])
             solver = solving_function(self._first + len(self._open), correction)
-            self._open.append(_Open(z, reads, solver, correction))
-            self.loops.append(Loop(path, z.shape[0], correction, self._at_samples))
-            values = z
+            self._open.append(_Open(z, reads, solver, correction, ca.Function("residual", [z, w], [f])))
+            self.loops.append(Loop(path, z.shape[0], correction, self._function))
         else:
             at_zero = ca.substitute(f, z, ca.SX.zeros(*z.shape))
             self._check(jacobian, path)
             values = _guarded(jacobian, -_quotient(jacobian, at_zero))
-            self.loops.append(Loop(path, z.shape[0], None, self._at_samples))
+            self.loops.append(Loop(path, z.shape[0], None, self._function))
             self._keep(z, ca.substitute(values, w, reads))
         for symbol, expression in reversed(passed):
             solved = ca.substitute(expression, z, values) if z.shape[0] else expression
@@ -166,19 +180,37 @@ def _ordered(groups: list[list[int]], depends: Any) -> list[list[int]]:
     return [groups[i] for i in TopologicalSorter(needs).static_order()]
 
 
-def _substituted(z: Column, g: Column) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+def _substituted(z: Column, g: Column, *, eliminate: bool) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
     """The signals that depend on themselves once the others are substituted; and these, in that order."""
     left: list[tuple[Any, Any]] = list(zip(_parts(z), _parts(g), strict=True))
     passed: list[tuple[Any, Any]] = []
-    while len(left) > 1:
+    while len(left) > (0 if eliminate else 1):
         chosen = next((k for k, (symbol, made) in enumerate(left) if not ca.depends_on(made, symbol)), None)
+        if chosen is None and eliminate:
+            chosen = _next_pivot(left)
         if chosen is None:
             break
         symbol, made = left.pop(chosen)
+        if ca.depends_on(made, symbol):
+            made = ca.substitute(made, symbol, 0) / (1 - ca.jacobian(made, symbol))
         passed.append((symbol, made))
+        if not left:
+            break
         others = ca.substitute(ca.vertcat(*(one for _, one in left)), symbol, made)
         left = list(zip((s for s, _ in left), _parts(others), strict=True))
     return left, passed
+
+
+def _next_pivot(left: list[tuple[Any, Any]]) -> int | None:
+    """The signal that is linear in itself and read by the fewest others (Markowitz); None where there is none."""
+    symbols, made = (ca.vertcat(*column) for column in zip(*left, strict=True))
+    pattern = ca.Function("g", [symbols, _others(made, symbols)], [made]).jac_sparsity(0, 0)
+    reads, readers = np.bincount(pattern.row(), minlength=len(left)), np.diff(pattern.colind())
+    for k in np.argsort(reads * readers, kind="stable"):
+        symbol, one = left[k]
+        if not ca.depends_on(ca.jacobian(one, symbol), symbol) and _is_smooth(one, symbol):
+            return int(k)
+    return None
 
 
 def _is_smooth(f: Column, z: Column) -> bool:
@@ -300,3 +332,9 @@ def functions(name: str, reads: list[Any], results: Sequence[Column], closure: C
     forms = [form(results, guess) for form in (closure.plain, closure.exact)]
     plain, exact = (ca.Function(name, [*reads, guess], form, *SOLVING[name]) for form in forms)
     return alone, plain, exact
+
+
+def open_function(reads: list[Any], results: Sequence[Column], closure: Closure) -> Any:
+    """``rhs`` with the signals z of its loops as an argument, and what they must equal as a result (``LoopForms``)."""
+    z, columns = closure.open(results)
+    return ca.Function("rhs", [*reads, z], columns, [*RHS[0], "z"], [*RHS[1], "g"])

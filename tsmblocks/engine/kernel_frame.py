@@ -35,7 +35,17 @@ JUMP_OFFSETS = (1e-9, 8e-12, 1 / 64)
 """Distance of the last stage before the end of a step, where a signal may jump with time: a share of the step plus a
 share of the time, at most a share of the step. Chosen: above the rounding of a time, small beside a step."""
 
-SLOTS = {"t": TIME, "x": MOVING, "d": HELD, "u": HELD, "q": MOVING, "p": CONSTANT, "hit": HELD, "guess": CONSTANT}
+SLOTS = {
+    "t": TIME,
+    "x": MOVING,
+    "d": HELD,
+    "u": HELD,
+    "q": MOVING,
+    "p": CONSTANT,
+    "hit": HELD,
+    "guess": CONSTANT,
+    "h": CONSTANT,
+}
 """How often each input of a program changes."""
 
 
@@ -64,7 +74,8 @@ class LaneProgram(Program):
 
     def __init__(self, plan: Plan, function: Any) -> None:
         super().__init__(function, reciprocals=plan.fused)
-        slots: dict[str, Any] = {"x": plan.wide_x, "d": plan.wide_d, "q": plan.wide_q, "p": plan.wide_p}
+        past = plan.wide_q * (function.size1_in("q") // max(len(plan.wide_q), 1) if "q" in function.name_in() else 1)
+        slots: dict[str, Any] = {"x": plan.wide_x, "d": plan.wide_d, "q": past, "p": plan.wide_p}
         self.grades = grades_of(self)
         self.wide = [bool(g) for g in self.grade({k: slots.get(name, False) for k, name in enumerate(self.inputs)})]
 
@@ -83,6 +94,7 @@ class KernelFrame:
         self.update = LaneProgram(plan, plan.update) if plan.update is not None else None
         self.lag = LaneProgram(plan, plan.lag) if plan.wide_s else None
         self.jumps = time_jumps(self.rhs) if plan.jumps is None else plan.jumps
+        self.advance = LaneProgram(plan, plan.advance) if plan.advance is not None else None
         self.loops, self.regions = self._regions()
         nodes = (self.rhs.outputs.get((1, k)) for k in plan.y)
         self.y = Layout.of(tuple(node is not None and self.rhs.wide[node] for node in nodes), plan.lanes)
@@ -216,7 +228,7 @@ class KernelFrame:
 
     def _regions(self) -> tuple[Layout, list[int]]:
         """Layout of the solutions and statistics of all loops, and where each loop begins."""
-        programs = [one for one in (self.rhs, self.update) if one is not None]
+        programs = [one for one in (self.rhs, self.update, self.advance) if one is not None]
         solved = {name: one.wide[n] for one in programs for n, (name, _) in enumerate(one.nodes)}
         wide: list[bool] = []
         places = []

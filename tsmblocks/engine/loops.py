@@ -39,13 +39,14 @@ class Loop:
     """An algebraic loop. ``path`` are the signals around it; ``size`` the number of signals at which it is torn.
 
     ``correction(z, w)`` gives the Newton correction and the sum of squares of F; it is None where the loop is linear
-    and was eliminated. ``at_samples`` says that the loop is closed at sample instants.
+    and was eliminated. ``function`` is the name of the function that solves it: ``rhs``, ``update`` (at samples), or
+    ``advance`` (a step of an implicit method).
     """
 
     path: tuple[str, ...]
     size: int
     correction: Any = attrs.field(default=None, repr=False)
-    at_samples: bool = False
+    function: str = "rhs"
 
     @property
     def linear(self) -> bool:
@@ -91,10 +92,12 @@ class LoopForms:
 
     ``plain`` are ``rhs`` and ``update`` with each solution as the method leaves it, ``exact`` the same with one more
     Newton correction, which is differentiated: by the implicit function theorem its derivative is that of the solution.
+    ``open`` is ``rhs`` with the signals z of its loops as one more argument, and what they must equal as a result.
     """
 
     plain: tuple[Any, Any]
     exact: tuple[Any, Any]
+    open: Any
 
 
 def start_value(number: int, k: int) -> float:

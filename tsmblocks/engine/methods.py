@@ -1,6 +1,8 @@
-"""Explicit fixed-step methods as tables. A new method is one table."""
+"""Fixed-step methods as tables. A new method is one table."""
 
 from __future__ import annotations
+
+import math
 
 import attrs
 
@@ -11,8 +13,9 @@ from tsmblocks.common.errors import RunError, near
 class Method:
     """A Runge-Kutta method: ``rows[i]`` are the weights of earlier stages in stage i, ``weights`` the final ones.
 
-    ``order`` is its convergence order on smooth problems, ``real_limit`` the end of its interval of absolute
-    stability: how far h * pole may reach along the negative real axis.
+    In an implicit method a row has the weight of its own stage, too. ``order`` is its convergence order on smooth
+    problems, ``real_limit`` the end of its interval of absolute stability: how far h * pole may reach along the negative
+    real axis.
     """
 
     name: str
@@ -29,15 +32,48 @@ class Method:
 
     @property
     def instants(self) -> tuple[float, ...]:
-        """The different offsets, in order: the instants at which sampled inputs are supplied."""
-        return tuple(sorted(set(self.offsets)))
+        """The start of the step and the different offsets, in order: instants at which sampled inputs are supplied."""
+        return tuple(sorted({0.0, *self.offsets}))
+
+    @property
+    def implicit(self) -> bool:
+        """Whether a stage depends on its own slope, so that it is an equation to be solved."""
+        return len(self.rows[0]) > 0
 
     def grows(self, z: complex) -> bool:
         """Whether a decaying mode with h * pole = z grows under the method: |R(z)| > 1 for its stability function R."""
         stages: list[complex] = []
         for row in self.rows:
-            stages.append(1 + z * sum(a * k for a, k in zip(row, stages, strict=True)))
+            explicit = 1 + z * sum(a * k for a, k in zip(row, stages, strict=False))
+            stages.append(explicit / (1 - z * row[len(stages)]) if self.implicit else explicit)
         return abs(1 + z * sum(b * k for b, k in zip(self.weights, stages, strict=True))) > 1 + 1e-9
+
+
+def _sdirk2() -> Method:
+    """L-stable method of order 2 with two equal diagonal weights."""
+    g = 1.0 - math.sqrt(0.5)
+    rows = ((g,), (1.0 - g, g))
+    return Method("sdirk2", 2, rows, rows[-1], math.inf, "Alexander 1977")
+
+
+def _sdirk3() -> Method:
+    """L-stable method of order 3; its diagonal weight is the middle root of g^3 - 3 g^2 + 3/2 g - 1/6."""
+    g = 0.43586652150845899942
+    b1, b2 = -1.5 * g * g + 4.0 * g - 0.25, 1.5 * g * g - 5.0 * g + 1.25
+    rows = ((g,), ((1.0 - g) / 2.0, g), (b1, b2, g))
+    return Method("sdirk3", 3, rows, rows[-1], math.inf, "Alexander 1977")
+
+
+def _sdirk4() -> Method:
+    """L-stable method of order 4 in five stages."""
+    rows = (
+        (1 / 4,),
+        (1 / 2, 1 / 4),
+        (17 / 50, -1 / 25, 1 / 4),
+        (371 / 1360, -137 / 2720, 15 / 544, 1 / 4),
+        (25 / 24, -49 / 48, 125 / 16, -85 / 12, 1 / 4),
+    )
+    return Method("sdirk4", 4, rows, rows[-1], math.inf, "Hairer and Wanner, Solving ODE II (1996), Table IV.6.5")
 
 
 METHODS = {
@@ -47,6 +83,9 @@ METHODS = {
         Method("euler", 1, ((),), (1.0,), 2.0, "Euler 1768"),
         Method("heun", 2, ((), (1.0,)), (0.5, 0.5), 2.0, "Heun 1900"),
         Method("rk4", 4, ((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6), 2.785, "Kutta 1901"),
+        _sdirk2(),
+        _sdirk3(),
+        _sdirk4(),
     )
 }
 

@@ -10,6 +10,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
+from tsmblocks.engine.implicit import step_of
 from tsmblocks.engine.loops import Loop, solved_loops
 from tsmblocks.engine.methods import Method
 
@@ -28,6 +29,7 @@ class Plan:
     ``jumps``: signals jump with time alone (None: read from ``rhs``). ``watched``: a signal that is not
     logged and not finite is a fault too. ``fused``: a product is not rounded before it is added. ``loops``: the loops
     that the functions solve; they then have the last solutions as one more argument, and the new as a result.
+    ``advance``: one step of an implicit method (``implicit``).
     """
 
     rhs: Any
@@ -45,6 +47,7 @@ class Plan:
     jumps: bool | None = None
     watched: bool = True
     loops: tuple[Loop, ...] = ()
+    advance: Any = None
 
     @property
     def groups(self) -> int:
@@ -68,8 +71,12 @@ def plan_for(
     """A plan; with lanes, every state and the parameters in ``vary`` have one value per lane."""
     wide_x, wide_d, wide_s = ((lanes > 1,) * len(names) for names in (eq.x, eq.d, eq.q))
     wide_p = tuple(k in vary for k in range(len(eq.p)))
-    loops = tuple(solved_loops(eq.loops))
-    return Plan(*eq.plain, eq.lag, method, y, eq.every_step, lanes, wide_x, wide_d, wide_p, wide_s, loops=loops)
+    loops, advance = tuple(solved_loops(eq.loops)), None
+    if method.implicit and eq.x:
+        step = step_of(eq, method)
+        loops, advance = (*loops, *step.loops), step.plain
+    wide = wide_x, wide_d, wide_p, wide_s
+    return Plan(*eq.plain, eq.lag, method, y, eq.every_step, lanes, *wide, loops=loops, advance=advance)
 
 
 @attrs.frozen

@@ -21,14 +21,15 @@ class RegisterKernel(KernelFrame):
 
     def __init__(self, plan: Plan, host: str) -> None:
         super().__init__(plan, host)
-        wanted = {"dx": range(len(plan.wide_x)), "y": plan.y, "s": range(len(plan.wide_s))}
+        rates = range(0 if plan.advance is not None else len(plan.wide_x))
+        wanted = {"dx": rates, "y": plan.y, "s": range(len(plan.wide_s))}
         nodes = [[self.rhs.outputs.get((slot, k)) for k in picked] for slot, picked in enumerate(wanted.values())]
         self.goals = dict(zip(wanted, nodes, strict=True))
         self.results = {n for part in nodes for n in part if n is not None}
         self.all_nodes = self.rhs.needed(self.results)
         self.rate_nodes = self.rhs.needed(n for n in self.goals["dx"] if n is not None)
         # The last stage of a step and the first of the next then share an instant, so what depends on time is reused.
-        self.carries = 1.0 in plan.method.offsets and not self.jumps
+        self.carries = 1.0 in plan.method.offsets and not self.jumps and plan.advance is None
 
     # ---- nodes
 
@@ -73,6 +74,8 @@ class RegisterKernel(KernelFrame):
         self.fixed = self._constants(self.rhs, self.all_nodes)
         if self.update is not None:
             self.update_fixed = self._constants(self.update, self.update.needed(self.update.outputs.values()))
+        if self.advance is not None:
+            self.advance_fixed = self._constants(self.advance, self.advance.needed(self.advance.outputs.values()))
         self._delays()
         self.carried = self._carried_nodes() if self.carries else []
         if self.carried:
@@ -102,7 +105,9 @@ class RegisterKernel(KernelFrame):
     def _constants(self, program: LaneProgram, nodes: set[int]) -> Values:
         """The values of those nodes that depend on parameters only."""
         values: Values = {}
-        self.write(program, {n for n in nodes if program.grades[n] == CONSTANT}, values, {"p": self.parameters})
+        self.write(
+            program, {n for n in nodes if program.grades[n] == CONSTANT}, values, {"p": self.parameters, "h": ["%h"]}
+        )
         return values
 
     def _delays(self) -> None:
@@ -165,6 +170,29 @@ class RegisterKernel(KernelFrame):
         return [v for k, (delay, wide) in enumerate(self.delay) for v in self.recall(k, delay, wide, offset)]
 
     def stage_section(self) -> None:
+        if self.advance is not None:
+            self._implicit_step(self.advance)
+        else:
+            self._stages()
+
+    def _implicit_step(self, step: LaneProgram) -> None:
+        """Log, and one step whose stages are solved."""
+        w, now, instants = self.w, self._states(), self.plan.method.instants
+        read = {"t": ["%tn"], **now, "u": self._inputs(0), "q": self._past(0.0), "p": self.parameters}
+        values = dict(self.fixed)
+        self.write(self.rhs, self.all_nodes, values, read)
+        self._log(values)
+        for k, node in enumerate(self.goals["s"]):
+            self.remember(k, self.result(self.rhs, node, values, self.s.wide[k]))
+        read |= {"h": ["%h"], "t": [self.time_at(offset) for offset in instants]}
+        read["u"] = [value for i in range(len(instants)) for value in self._inputs(i)]
+        read["q"] = [value for offset in instants for value in self._past(offset)]
+        values = dict(self.advance_fixed)
+        self.write(step, step.needed(step.outputs.values()), values, read)
+        for k, wide in enumerate(self.x.wide):
+            w.store(self.result(step, step.outputs.get((0, k)), values, wide), f"%x_{k}", wide)
+
+    def _stages(self) -> None:
         w, method = self.w, self.plan.method
         now = self._states()
         start, x_wide = now["x"], self.x.wide
