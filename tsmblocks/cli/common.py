@@ -23,7 +23,11 @@ PICTURES = (".png", ".svg", ".pdf")
 """Endings of files of results, and of figures."""
 DIAGRAMS, BLOCKS, FILES, FOLDERS = "diagrams", "blocks", "files", "folders"
 """Kinds of values that a shell can complete, beside fixed words."""
-METHODS, HOLDS, BACKENDS = ("euler", "heun", "rk4"), ("auto", "zero", "linear", "cubic"), ("llvm", "casadi")
+METHODS, HOLDS, BACKENDS = (
+    ("euler", "heun", "rk4", "sdirk2", "sdirk3", "sdirk4"),
+    ("auto", "zero", "linear", "cubic"),
+    ("llvm", "casadi"),
+)
 FITS = ("gauss-newton", "ipopt", "ga")
 """Integration methods, holds, back ends and fitting methods: named here too, so that parsing imports nothing heavy."""
 
@@ -150,7 +154,12 @@ SHARED: dict[str, dict[str, Any]] = {
         help="other values for parameters, such as pid.kp=2.2",
         **SEVERAL,
     ),
-    "--method": dict(metavar="M", default="rk4", help="euler, heun or rk4 (default)", suggests=METHODS),
+    "--method": dict(
+        metavar="M",
+        default="rk4",
+        help="euler, heun, rk4 (default), or for stiff diagrams sdirk2, sdirk3, sdirk4",
+        suggests=METHODS,
+    ),
     "--free": dict(metavar="PATTERN", help="parameters that may change, such as 'tsm.*' (default: all)", **SEVERAL),
     "--outputs": dict(metavar="NAME", help="outputs that are compared (default: all that were measured)", **SEVERAL),
     "--window": dict(metavar="START:STOP", type=time_range, help="times in s that count (default: all)"),

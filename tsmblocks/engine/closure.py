@@ -53,7 +53,7 @@ class _Open:
 
 
 class Closure:
-    """Solved loops of a function. ``loops`` describes them; ``first`` is the number of the first that the engine solves.
+    """Solved loops of a function. ``loops`` describes them; ``first`` is the number of the first one in the engine.
 
     ``singular`` are the paths of loops that are singular whatever the parameters. With ``eliminate`` signals that are
     linear in themselves are eliminated one by one, without pivoting: for steps of a method, where pivots are near 1.

@@ -1,9 +1,9 @@
 """One step of an implicit method as equations: the states at each stage are signals that depend on themselves.
 
-The states of a stage solve X = x + h (a_1 k_1 + ... + gamma f(t, X)), an algebraic loop like any other: what is linear in
-itself is eliminated when the kernel is made (for a linear plant, a factorisation that depends on parameters alone, so
-that nothing but substitution is left in the run), the rest is solved by Newton's method with the exact Jacobian.
-Loops of the diagram are solved together with the states.
+The states of a stage solve X = x + h (a_1 k_1 + ... + gamma f(t, X)), an algebraic loop like any other: what is linear
+in itself is eliminated when the kernel is made (for a linear plant a factorisation that depends on parameters alone, so
+that substitution is all that is left in the run), the rest is solved by Newton's method with the exact Jacobian. Loops
+of the diagram are solved together with the states. What is solved for is X - x, so that the last step is a good start.
 """
 
 from __future__ import annotations
@@ -22,9 +22,7 @@ from tsmblocks.engine.methods import Method
 from tsmblocks.engine.program import Program
 
 ADVANCE = (["t", "h", "x", "d", "u", "q", "p", "guess"], ["x_next", "roots"])
-"""Arguments and results of a step. ``t``, ``u`` and ``q`` are those of all instants of the method, one after another."""
-STEP_PATH = "the step of "
-"""A loop of a step has this before the name of a state, in the place of its path."""
+"""Arguments and results of a step; ``t``, ``u`` and ``q`` are those of all instants of the method."""
 
 
 @attrs.frozen(eq=False)
@@ -64,11 +62,15 @@ def step_map(rhs: Any, method: Method, names: tuple[str, ...], first: int) -> St
         inputs = [v[i * size[k] : (i + 1) * size[k]] for k, v in (("u", u), ("q", q))]
         results = rhs.call([t[i], x + moved, d, *inputs, p, *([z] if hidden else [])])
         own = [*ca.vertsplit(base + h * row[stage] * results[0])] if size["x"] else []
-        tears += [Tear(moved[k], [STEP_PATH + names[k]], one) for k, one in enumerate(own)]
-        tears += [Tear(z[k], [STEP_PATH + "a loop"], results[3][k]) for k in range(hidden)]
+        tears += [Tear(moved[k], [names[k]], one) for k, one in enumerate(own)]
+        tears += [Tear(z[k], ["a loop"], results[3][k]) for k in range(hidden)]
         scaled.append((moved - base) / row[stage])
     closure = Closure(tears, first, function="advance", eliminate=True)
-    ahead = x + moved if method.weights == method.rows[-1] else x + sum(b * k for b, k in zip(method.weights, scaled))
+    ahead = (
+        x + moved
+        if method.weights == method.rows[-1]
+        else x + sum(b * k for b, k in zip(method.weights, scaled, strict=True))
+    )
     guess = ca.SX.sym("guess", closure.size)
     given = [t, h, x, d, u, q, p, guess]
     plain, exact = (

@@ -54,7 +54,8 @@ class LargeKernel(KernelFrame):
         super().__init__(plan, host)
         single = {k: Layout.of((False,) * n, plan.lanes) for k, n in (("u", plan.inputs), ("hit", plan.groups))}
         self.layouts = {"x": self.x, "d": self.d, "p": self.p, "q": self.q, **single}
-        self.arguments = (*_ARGUMENTS, *(("loops",) if plan.loops else ()))
+        more = ("loops",) * bool(plan.loops) + ("times",) * (plan.advance is not None)
+        self.arguments = (*_ARGUMENTS, *more)
         self.signature = "double %t, " + ", ".join(f"ptr noalias %{a}" for a in self.arguments)
         self.parts: list[str] = []
         self.temporaries = 0
@@ -139,10 +140,17 @@ class LargeKernel(KernelFrame):
         if name == "CONST":
             return llvm_double(args[0])
         if name == "INPUT":
-            slot = cut.program.inputs[args[0]]
-            if slot == "t":
+            slot, stepping = cut.program.inputs[args[0]], cut.program is self.advance
+            if slot == "t" and not stepping:
                 return "%t"
-            place = w.at(f"%{slot}", self.layouts[slot].offset[args[1]])
+            if stepping and slot in ("t", "h"):
+                place = w.at("%times", args[1] if slot == "t" else len(self.plan.method.instants))
+            elif stepping and slot in ("u", "q"):
+                layout = self.layouts[slot]
+                instant, index = divmod(args[1], len(layout.wide))
+                place = w.at(f"%{slot}", instant * layout.size + layout.offset[index])
+            else:
+                place = w.at(f"%{slot}", self.layouts[slot].offset[args[1]])
         else:
             place = w.at("%fixed", cut.fixed[node]) if node in cut.fixed else w.at("%work", cut.places[node])
         return w.load(place, cut.program.wide[node])
@@ -152,7 +160,16 @@ class LargeKernel(KernelFrame):
     def text(self) -> str:
         """The whole kernel as LLVM IR."""
         fixed, rates = self._write_fixed("before", self.rhs), _stores(self.rhs, 0, self.x)
-        self._cut("rates", self.rhs, rates, fixed)
+        if self.advance is not None:
+            rates = []
+            self._cut(
+                "advance",
+                self.advance,
+                _stores(self.advance, 0, self.x),
+                self._write_fixed("before_advance", self.advance),
+            )
+        else:
+            self._cut("rates", self.rhs, rates, fixed)
         logged = _stores(self.rhs, 1, self.y, self.plan.y)
         self._cut("first", self.rhs, [*rates, *logged, *_stores(self.rhs, 2, self.s)], fixed)
         if self.update is not None:
@@ -168,9 +185,12 @@ class LargeKernel(KernelFrame):
     def _place(self) -> None:
         """Offset of each array in the work area."""
         sizes = {"temporaries": self.temporaries, "fixed": self.fixed_size, "xs": self.x.size, "ds": self.d.size}
-        sizes |= {"ahead": self.x.size, "next": self.x.size, "q": self.q.size, "s": self.s.size, "spare": self.y.size}
+        instants = len(self.plan.method.instants)
+        q = self.q.size * (instants if self.advance is not None else 1)
+        sizes |= {"ahead": self.x.size, "next": self.x.size, "q": q, "s": self.s.size, "spare": self.y.size}
         sizes |= {"dn": self.d.size, "tau": self.s.size, "hits": self.plan.groups}
         sizes |= {f"slope{s}": self.x.size for s in range(len(self.plan.method.weights))}
+        sizes |= {"times": instants + 1} if self.advance is not None else {}
         padded = ((size + 2 * WIDTH - 1) // WIDTH * WIDTH for size in sizes.values())
         *places, self.work = itertools.accumulate(padded, initial=0)
         self.at = dict(zip(sizes, places, strict=True))
@@ -207,6 +227,9 @@ class LargeKernel(KernelFrame):
         self._call("before", "%t0", "%xs", nothing)
         if self.update is not None:
             self._call("before_update", "%t0", "%xs", nothing)
+        if self.advance is not None:
+            self.w.store("%h", self.w.at("%times", len(self.plan.method.instants)), False)
+            self._call("before_advance", "%t0", "%xs", nothing)
         if self.lag is not None:
             self._call("delays", "%t0", "%xs", ("%tau", "%spare", "%spare"))
 
@@ -227,14 +250,15 @@ class LargeKernel(KernelFrame):
         row = self.w.emit(f"mul i64 %k, {count * len(self.plan.method.instants)}")
         return self.w.at(self.w.emit(f"getelementptr double, ptr %u, i64 {row}"), instant * count)
 
-    def _past(self, offset: float) -> None:
-        w = self.w
+    def _past(self, offset: float, instant: int = 0) -> None:
+        """Set ``q`` at one instant."""
+        w, first = self.w, instant * self.q.size
         for k, wide in enumerate(self.s.wide):
             tau = w.load(w.at("%tau", self.s.offset[k]), wide)
             delay = w.emit(f"fdiv {w.type(wide)} {tau}, {w.widen('%h') if wide else '%h'}")
             for i, value in enumerate(self.recall(k, delay, wide, offset)):
                 place = DELAY_NUMBERS * k + i
-                w.store(value, w.at("%q", self.q.offset[place]), self.q.wide[place])
+                w.store(value, w.at("%q", first + self.q.offset[place]), self.q.wide[place])
 
     def stage_section(self) -> None:
         w, method = self.w, self.plan.method
@@ -248,6 +272,9 @@ class LargeKernel(KernelFrame):
         self.after_log(left, due)
         for k, wide in enumerate(self.s.wide):
             self.remember(k, w.load(w.at("%s", self.s.offset[k]), wide))
+        if self.advance is not None:
+            self._implicit_step()
+            return
         self._combine("%next", "%xs", "%slope0", method.weights[0])
         for stage, (weights, offset) in enumerate(zip(method.rows[1:], method.offsets[1:], strict=True), 1):
             base = "%xs"
@@ -259,6 +286,14 @@ class LargeKernel(KernelFrame):
             inputs = self._inputs(method.instants.index(offset))
             self._call("rates", self.time_at(offset), "%ahead", (f"%slope{stage}", "%spare", "%spare"), inputs)
             self._combine("%next", "%next", f"%slope{stage}", method.weights[stage])
+        self._copy("%xs", "%next", self.x.size)
+
+    def _implicit_step(self) -> None:
+        """One step whose stages are solved."""
+        for i, offset in enumerate(self.plan.method.instants):
+            self._past(offset, i)
+            self.w.store(self.time_at(offset), self.w.at("%times", i), False)
+        self._call("advance", "%tn", "%xs", ("%next", "%spare", "%spare"), self._inputs(0))
         self._copy("%xs", "%next", self.x.size)
 
 

@@ -14,8 +14,8 @@ class Method:
     """A Runge-Kutta method: ``rows[i]`` are the weights of earlier stages in stage i, ``weights`` the final ones.
 
     In an implicit method a row has the weight of its own stage, too. ``order`` is its convergence order on smooth
-    problems, ``real_limit`` the end of its interval of absolute stability: how far h * pole may reach along the negative
-    real axis.
+    problems, ``real_limit`` the end of its interval of absolute stability: how far h * pole may reach along the
+    negative real axis.
     """
 
     name: str
@@ -28,7 +28,8 @@ class Method:
     @property
     def offsets(self) -> tuple[float, ...]:
         """Instant of each stage, as a fraction of the step."""
-        return tuple(sum(row) for row in self.rows)
+        ends = map(sum, self.rows)
+        return tuple(1.0 if math.isclose(end, 1.0, rel_tol=1e-12) else float(end) for end in ends)
 
     @property
     def instants(self) -> tuple[float, ...]:

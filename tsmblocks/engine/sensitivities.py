@@ -18,6 +18,7 @@ import numpy as np
 from tsmblocks.common.frames import dataset
 from tsmblocks.common.tables import few
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, LAG, Equations, function_values
+from tsmblocks.engine.implicit import step_of, tangent_step
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.engine.kernel_frame import time_jumps
 from tsmblocks.engine.methods import Method
@@ -29,6 +30,7 @@ from tsmblocks.engine.session import check_delays, delay_capacity
 def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
     """A plan that carries each state and each logged signal together with its derivatives."""
     rhs, update, lag = _tangent_functions(eq)
+    advance = tangent_step(step_of(eq, method), _past_seed) if method.implicit and eq.x else None
 
     def both(names: tuple[str, ...]) -> tuple[bool, ...]:
         """Which are wide: values are equal in all lanes, their derivatives are not."""
@@ -39,6 +41,7 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
         rhs=rhs,
         update=update,
         lag=lag,
+        advance=advance,
         wide_x=both(eq.x),
         wide_d=both(eq.d),
         wide_p=both(eq.p),
@@ -47,16 +50,19 @@ def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) 
     )
 
 
+def _past_seed(qs: Any) -> Any:
+    """Derivatives of the past of delayed signals, of which only the values have some, not the instants."""
+    return ca.vertcat(ca.SX(0, 1), *(qs[i] if i % DELAY_NUMBERS < DELAY_SAMPLES else 0 for i in range(qs.shape[0])))
+
+
 def _tangent_functions(eq: Equations) -> tuple[Any, Any, Any]:
     """``rhs``, ``update`` (None where there is none) and ``lag``, each value followed by its directional derivative."""
     f, renewed = eq.exact
     t, x, d, u, q, p, *guess = f.sx_in()
     xs, ds, qs, ps = (ca.SX.sym(f"d{k}", v.shape[0]) for k, v in zip("xdqp", (x, d, q, p), strict=True))
-    # Of the past of a delayed signal only the values have derivatives, not the instants.
-    q_seed = ca.vertcat(*(qs[i] if i % DELAY_NUMBERS < DELAY_SAMPLES else 0 for i in range(q.shape[0]))) if eq.q else qs
     made = f.call([t, x, d, u, q, p, *guess])
     values, roots = made[:3], made[3:]
-    moving, along = ca.vertcat(x, d, q, p), ca.vertcat(xs, ds, q_seed, ps)
+    moving, along = ca.vertcat(x, d, q, p), ca.vertcat(xs, ds, _past_seed(qs), ps)
     tangents = [ca.jtimes(v, moving, along) for v in values]
     inputs = [t, ca.vertcat(x, xs), ca.vertcat(d, ds), u, ca.vertcat(q, qs), ca.vertcat(p, ps)]
     pairs = [ca.vertcat(a, b) for a, b in zip(values, tangents, strict=True)]

@@ -18,7 +18,9 @@ import numpy as np
 
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import RHS, UPDATE, Equations
+from tsmblocks.engine.implicit import step_map
 from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.loops import solved_loops
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import Plan, plan_for
 from tsmblocks.engine.program import Program
@@ -69,8 +71,9 @@ class Frozen:
         return wrong & ~self.upstream[:, wrong].any(axis=1)
 
     def memory(self, x: np.ndarray, d: np.ndarray, m: np.ndarray, like: Memory) -> Memory:
-        """Arrays that a kernel may work on."""
-        return Memory(x.copy(), np.concatenate([d, m, self.spare]), like.p, like.ring, like.mask, like.loops)
+        """Arrays that a kernel may work on; loops of a step are others than those of the run's own kernel."""
+        loops = like.loops if self.whole.plan.advance is None else np.zeros(self.whole.layout_loops.size)
+        return Memory(x.copy(), np.concatenate([d, m, self.spare]), like.p, like.ring, like.mask, loops)
 
 
 def margin(g: np.ndarray, m: np.ndarray) -> np.ndarray:
@@ -172,9 +175,15 @@ def _switches(eq: Equations) -> tuple[Program, list[int], list[int]]:
 def _plan(eq: Equations, method: Method, rhs: Any, update: Any, y: Sequence[int]) -> Plan:
     # Not fused: a memory and the signal it was taken from must differ by exactly nothing.
     # Not watched: a branch that is not taken may have any value.
+    plan, loops, advance = plan_for(eq, method, tuple(y)), tuple(solved_loops(eq.loops)), None
+    if method.implicit and eq.x:
+        step = step_map(rhs, method, eq.x, len(loops))
+        loops, advance = (*loops, *step.loops), step.plain
     return attrs.evolve(
-        plan_for(eq, method, tuple(y)),
+        plan,
         rhs=rhs,
+        loops=loops,
+        advance=advance,
         update=update,
         every_step=update is not None,
         wide_d=(False,) * rhs.size1_in("d"),

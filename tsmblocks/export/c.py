@@ -19,6 +19,7 @@ from tsmblocks.common.errors import ParameterError, RunError, in_words
 from tsmblocks.common.units import times
 from tsmblocks.common.version import __version__
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
+from tsmblocks.engine.implicit import step_of
 from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, time_jumps
 from tsmblocks.engine.loops import solved_loops
 from tsmblocks.engine.methods import Method, method_named
@@ -147,7 +148,9 @@ class _Text:
         self.hits = steps_per_period(eq, h)
         tau = check_delays(eq, p, h)
         self.room = 1 << int(max(tau, default=0) + SPARE).bit_length()
-        self.loops = solved_loops(eq.loops)
+        step = step_of(eq, method) if method.implicit and eq.x else None
+        self.advance = Program(step.plain) if step is not None else None
+        self.loops = [*solved_loops(eq.loops), *(step.loops if step is not None else ())]
         places = itertools.accumulate((loop.size for loop in self.loops), initial=0)
         self.solvers = {k: (f"{name}_loop_{k}", first) for k, first in enumerate(places)}
         self.rhs = Program(eq.plain[0])
@@ -204,6 +207,14 @@ class _Text:
 
         def place(slot: int, index: int) -> str:
             kind = program.inputs[slot]
+            if program is self.advance and kind in ("t", "h", "u"):  # several instants, of the same inputs
+                return (
+                    f"t[{index}]"
+                    if kind == "t"
+                    else c_double(self.h)
+                    if kind == "h"
+                    else f"u->{self.u[index % len(self.u)]}"
+                )
             named = {"p": self.p, "u": self.u}.get(kind)
             return f"{kind}->{named[index]}" if named else "t" if kind == "t" else f"{kind}[{index}]"
 
@@ -258,7 +269,11 @@ class _Text:
         yield from self._function(f"{n}_signals({self.given}, {n}_outputs *y, double *s)", self.rhs, stored)
 
     def _rates(self) -> Iterator[str]:
-        if self.eq.x:
+        if self.advance is not None:
+            yield "/* States after a step. */"
+            head = f"{self.name}_advance({self.given.replace('double t,', 'const double *t,')}, double *xn)"
+            yield from self._function(head, self.advance, _array("xn", 0, self.eq.x))
+        elif self.eq.x:
             yield "/* Derivatives of the states. */"
             head = f"{self.name}_rates({self.given}, double *dx)"
             yield from self._function(head, self.rhs, _array("dx", 0, self.eq.x))
@@ -279,11 +294,13 @@ class _Text:
         yield from [f"void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y)", "{"]
         yield f"    const {n}_parameters *p = &c->p;"
         yield f"    const double t = (double)c->k * {c_double(self.h)};"
-        if eq.x:
+        if eq.x and self.advance is None:
             yield f"    double slope[{len(self.method.rows)}][{len(eq.x)}];"
+        if eq.x:
             yield from [f"    double ahead[{len(eq.x)}];", "    int i;"]
         if eq.q:
-            yield from [f"    double q[{DELAY_NUMBERS * len(eq.q)}];", f"    double s[{len(eq.q)}];"]
+            instants = len(self.method.instants) if self.advance is not None else 1
+            yield from [f"    double q[{DELAY_NUMBERS * len(eq.q) * instants}];", f"    double s[{len(eq.q)}];"]
         past, stored = ("q", "s") if eq.q else ("0", "0")
         past += ", c->loops" if self.loops else ""
         yield from self._updated(past)
@@ -292,7 +309,7 @@ class _Text:
         yield f"    {n}_signals(p, t, c->x, c->d, u, {past}, y, {stored});"
         if eq.q:
             yield f"    {n}_keep(c, s);"
-        yield from self._stages(past)
+        yield from self._stages(past) if self.advance is None else self._implicit_step(past)
         yield from ["    c->k += 1;", "}"]
 
     def _updated(self, past: str) -> Iterator[str]:
@@ -327,6 +344,16 @@ class _Text:
                 yield f"    {n}_recall(c, {c_double(offset)}, q);"
             yield f"    {n}_rates(p, {self._time(offset)}, ahead, c->d, u, {past}, slope[{k}]);"
         yield from _loop("i", len(eq.x), [f"    c->x[i] += {' + '.join(self._slopes(method.weights))};"])
+
+    def _implicit_step(self, past: str) -> Iterator[str]:
+        """One step whose stages are solved, with the inputs held."""
+        n, eq, instants = self.name, self.eq, self.method.instants
+        yield f"    const double at[{len(instants)}] = {{{', '.join(map(self._time, instants))}}};"
+        for k, offset in enumerate(instants):
+            if eq.q:
+                yield f"    {n}_recall(c, {c_double(offset)}, q + {DELAY_NUMBERS * len(eq.q) * k});"
+        yield f"    {n}_advance(p, at, c->x, c->d, u, {past}, ahead);"
+        yield from _loop("i", len(eq.x), ["    c->x[i] = ahead[i];"])
 
     def _slopes(self, weights: Iterable[float]) -> list[str]:
         """Terms of a weighted sum of the slopes of a step."""

@@ -13,7 +13,7 @@ import attrs
 from tsmblocks.common.errors import ParameterError, in_words, near
 from tsmblocks.common.interpolation import HOLD_WORDS, Hold
 
-METHODS = ("rk4", "euler", "heun")
+METHODS = ("rk4", "euler", "heun", "sdirk2", "sdirk3", "sdirk4")
 """Names of the Runge-Kutta methods."""
 
 

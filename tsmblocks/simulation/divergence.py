@@ -35,6 +35,7 @@ def divergence_error(session: Session, backend: str, steps: int) -> NotFinite:
     loop = _unsolved_loop(again, values, before)
     if loop is not None and (not block or _of(block, loop.path)):
         block, text = loop.path[0].rpartition(".")[0], _loop_message(loop, before, time)
+        text = _step_message(session, loop, before, time) if loop.function == "advance" else text
     elif block:
         text = _output_message(eq, values, block, time)
     else:
@@ -48,13 +49,14 @@ def divergence_error(session: Session, backend: str, steps: int) -> NotFinite:
 
 def _unsolved_loop(session: Session, values: dict[str, float], before: dict[str, float]) -> Loop | None:
     """The first loop without a solution: at this instant, or at a stage of the step that leads to it."""
-    eq, counts = session.eq, iter(session.kernel.loop_statistics(session.memory))
-    failed = {id(loop): not loop.linear and next(counts)[STATISTICS.index("failed")] > 0 for loop in eq.loops}
+    eq, solved = session.eq, session.kernel.plan.loops
+    counts = session.kernel.loop_statistics(session.memory)
+    missed = [loop for loop, count in zip(solved, counts, strict=True) if count[STATISTICS.index("failed")] > 0]
     if all(math.isfinite(values.get(k, 0.0)) for k in eq.x):
-        suspects = [loop for loop in eq.loops if loop.linear or failed[id(loop)]]
+        suspects = [loop for loop in eq.loops if loop.linear or loop in missed]
         lost = [loop for loop in suspects if any(not math.isfinite(values.get(k, 0.0)) for k in loop.path)]
     else:
-        lost = [loop for loop in eq.loops if failed[id(loop)]]
+        lost = missed
         if any(abs(before.get(k, 0.0)) > ORDINARY_STATE for k in eq.x):
             lost = []  # what diverged is the state
     return lost[0] if lost else None
@@ -72,6 +74,15 @@ def _loop_message(loop: Loop, before: dict[str, float], time: float) -> str:
         f"the algebraic loop {loop} has no solution at t = {time:g} s that Newton's method finds, from the last "
         f"one and from {STARTS} other starts.{last} Something that jumps (a sign, a comparison) may leave a loop "
         "without one; break it with a block that has a state (a lag, an integrator)."
+    )
+
+
+def _step_message(session: Session, loop: Loop, before: dict[str, float], time: float) -> str:
+    last = f" One step before: {_pairs((k, before[k]) for k in session.eq.x[:4] if k in before)}." if before else ""
+    return (
+        f"the equations of {session.kernel.plan.method.name} for the step to t = {time:g} s have no solution that "
+        f"Newton's method finds, first in {loop.path[0]}.{last} Something that jumps (a sign, a comparison) may leave "
+        "them without one; make it continuous, or take a shorter step."
     )
 
 
