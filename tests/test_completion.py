@@ -77,9 +77,9 @@ def test_diagrams_are_offered_with_files_beside_them(offered):
 @needs_bash
 def test_blocks_and_words_are_offered(offered):
     assert offered("blocks", "Bou") == [name for name in sorted(REGISTRY) if name.startswith("Bou")]
-    assert offered("run", "x", "--method", "") == ["euler", "heun", "rk4"]
+    assert offered("run", "x", "--method", "") == ["euler", "heun", "rk4", "sdirk2", "sdirk3", "sdirk4"]
     assert offered("run", "x", "--method", "=", "h") == ["heun"]
-    assert offered("run", "x", "--method", "=") == ["euler", "heun", "rk4"]
+    assert offered("run", "x", "--method", "=") == ["euler", "heun", "rk4", "sdirk2", "sdirk3", "sdirk4"]
     assert offered("fit", "x", "--data", "bend90.csv", "--tail", "d") == ["drop"]
     assert offered("demo", "--hide", "back") == ["backlash"]
     assert offered("completion", "") == ["bash", "zsh", "fish", "powershell"]
@@ -144,7 +144,7 @@ def test_fish_offers_commands_options_and_diagrams(capsys, tmp_path):
     assert ask("tsmblocks d") == ["demo", "diagnose", "diagrams", "draw"]
     assert ask("tsmblocks run fig08") == ["fig08_slope"]
     assert ask("tsmblocks run x --met") == ["--method"]
-    assert ask("tsmblocks run x --method ") == ["euler", "heun", "rk4"]
+    assert ask("tsmblocks run x --method ") == ["euler", "heun", "rk4", "sdirk2", "sdirk3", "sdirk4"]
     assert ask("tsmblocks blocks PID") == ["PID", "PIDController"]
     assert ask("tsmblocks check fig08_slope a.f") == ["a.fish"]
     assert ask("tsmblocks fit x --data one.csv a.f") == ["a.fish"]

@@ -88,7 +88,7 @@ def edits(name):
                 continue
             try:
                 made = site.put(diagram, "effect", effect.block)
-                equations(made)
+                equations(made, loops="refuse")
             except TsmError:
                 refused.add((effect.name, site.output))
                 continue

@@ -162,7 +162,10 @@ def test_a_state_that_is_set_counts_for_every_recording():
             "hold must be one of auto, zero, linear, cubic, got 'cubik'. Did you mean 'cubic'?",
         ),
         ("[simulation]\nhold = { x_inn = 'zero' }", "hold: there is no input 'x_inn'. Did you mean 'x_in'?"),
-        ("[simulation]\nmethod = 'rk5'", "method must be one of rk4, euler, heun, got 'rk5'. Did you mean 'rk4'?"),
+        (
+            "[simulation]\nmethod = 'rk5'",
+            "method must be one of rk4, euler, heun, sdirk2, sdirk3, sdirk4, got 'rk5'. Did you mean 'rk4'?",
+        ),
         ("[simulation]\ncondition = 'x_in'", "condition must be a list of inputs such as [\"x_in\"], got 'x_in'."),
         ("[start.a]\n'tsm.zet' = 0.1", "the diagram has no state 'tsm.zet'. Did you mean 'tsm.zeta'?"),
         ("[start.a]\n'tsm.zeta' = 'x'", "the start of 'tsm.zeta' must be a number, got 'x'."),

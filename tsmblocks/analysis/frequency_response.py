@@ -189,7 +189,7 @@ def frequency_response(
         Steps of a period, at least; the highest harmonic.
     step : float, default 1e-3
         Longest step in s.
-    method : {"rk4", "euler", "heun"}
+    method : {"rk4", "euler", "heun", "sdirk2", "sdirk3", "sdirk4"}
         Runge-Kutta method.
     threads : int, optional
         Number of threads. By default one for each processor.

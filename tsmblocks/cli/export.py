@@ -24,7 +24,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("diagram")
     add("--out", metavar="FILE", required=True, help="a .c file (its header is written beside it) or a .mat file")
     add("--step", help="step of the C code in s (default 0.001)")
-    add("--method", default=None, help="method of the C code: euler, heun or rk4 (default)")
+    add("--method", default=None, help="method of the C code: as of run (default rk4)")
     add("--set", "--json")
 
 

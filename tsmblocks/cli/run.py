@@ -28,7 +28,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("diagram")
     add("--stop", type=common.finite_float, metavar="S", help="end of the run in s (default: end of the data, else 20)")
     add("--step", help="step in s (default: that of the diagram's file, else 0.001)")
-    add("--method", default="", help="euler, heun or rk4 (default: that of the diagram's file, else rk4)")
+    known = "euler, heun, rk4, or for stiff diagrams sdirk2, sdirk3, sdirk4"
+    add("--method", default="", help=f"{known} (default: that of the diagram's file, else rk4)")
     add("--set")
     recordings.data_arguments(parser)
     add("--hold")

@@ -61,9 +61,10 @@ def step_map(rhs: Any, method: Method, names: tuple[str, ...], first: int) -> St
         moved, z = ca.SX.sym(f"x{stage}", size["x"]), ca.SX.sym(f"z{stage}", hidden)
         inputs = [v[i * size[k] : (i + 1) * size[k]] for k, v in (("u", u), ("q", q))]
         results = rhs.call([t[i], x + moved, d, *inputs, p, *([z] if hidden else [])])
-        own = [*ca.vertsplit(base + h * row[stage] * results[0])] if size["x"] else []
-        tears += [Tear(moved[k], [names[k]], one) for k, one in enumerate(own)]
-        tears += [Tear(z[k], ["a loop"], results[3][k]) for k in range(hidden)]
+        if names:
+            ends = base + h * row[stage] * results[0]
+            tears += [Tear(moved[k], [name], ends[k]) for k, name in enumerate(names)]
+            tears += [Tear(z[k], ["a loop"], results[3][k]) for k in range(hidden)]
         scaled.append((moved - base) / row[stage])
     closure = Closure(tears, first, function="advance", eliminate=True)
     ahead = (

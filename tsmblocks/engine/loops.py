@@ -15,7 +15,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-STARTS = 12
+STARTS = 24
 """Starts from which the method tries again when it fails from the last solution (``start_value``). Chosen."""
 MOST_ITERATIONS = 50
 """Corrections from one start. Chosen: Newton's method takes 3 to 10 where it converges."""
@@ -101,14 +101,14 @@ class LoopForms:
 
 
 def start_value(number: int, k: int) -> float:
-    """Signal k of a loop at a start: 0, 1 or -1, then numbers between them that differ, also 10 times as large.
+    """Signal k of a loop at a start: 0, 1 or -1, then numbers between them that differ, times powers of 10 up to 10^6.
 
     Multiples of the golden ratio spread evenly (Weyl's sequence).
     """
     if number <= 3:
         return (0.0, 1.0, -1.0)[number - 1]
     share = (0.6180339887498949 * (7 * number + k)) % 1.0
-    return (2.0 * share - 1.0) * (10.0 if number % 2 else 1.0)
+    return (2.0 * share - 1.0) * 10.0 ** ((number - 4) % 7)
 
 
 def solved_loops(loops: Iterable[Loop]) -> list[Loop]:

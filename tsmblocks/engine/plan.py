@@ -72,7 +72,7 @@ def plan_for(
     wide_x, wide_d, wide_s = ((lanes > 1,) * len(names) for names in (eq.x, eq.d, eq.q))
     wide_p = tuple(k in vary for k in range(len(eq.p)))
     loops, advance = tuple(solved_loops(eq.loops)), None
-    if method.implicit and eq.x:
+    if method.implicit:
         step = step_of(eq, method)
         loops, advance = (*loops, *step.loops), step.plain
     wide = wide_x, wide_d, wide_p, wide_s

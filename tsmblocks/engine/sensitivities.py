@@ -30,7 +30,7 @@ from tsmblocks.engine.session import check_delays, delay_capacity
 def tangent_plan(eq: Equations, method: Method, y: tuple[int, ...], lanes: int) -> Plan:
     """A plan that carries each state and each logged signal together with its derivatives."""
     rhs, update, lag = _tangent_functions(eq)
-    advance = tangent_step(step_of(eq, method), _past_seed) if method.implicit and eq.x else None
+    advance = tangent_step(step_of(eq, method), _past_seed) if method.implicit else None
 
     def both(names: tuple[str, ...]) -> tuple[bool, ...]:
         """Which are wide: values are equal in all lanes, their derivatives are not."""

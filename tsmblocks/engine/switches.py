@@ -176,7 +176,7 @@ def _plan(eq: Equations, method: Method, rhs: Any, update: Any, y: Sequence[int]
     # Not fused: a memory and the signal it was taken from must differ by exactly nothing.
     # Not watched: a branch that is not taken may have any value.
     plan, loops, advance = plan_for(eq, method, tuple(y)), tuple(solved_loops(eq.loops)), None
-    if method.implicit and eq.x:
+    if method.implicit:
         step = step_map(rhs, method, eq.x, len(loops))
         loops, advance = (*loops, *step.loops), step.plain
     return attrs.evolve(

@@ -98,7 +98,7 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
     step : float
         Time step in s, positive.
     method : str, default "rk4"
-        Integration method: "euler", "heun" or "rk4".
+        Integration method: "euler", "heun", "rk4", or for stiff diagrams "sdirk2", "sdirk3", "sdirk4".
     name : str, default "controller"
         Prefix of the functions and name of the files: letters, digits and underscores.
     loops : {"solve", "refuse"}

@@ -242,7 +242,7 @@ def compare(
         Seed of all random numbers.
     step : float, optional
         Step of the simulation in s; by default one that resolves the diagram.
-    integrator : {"rk4", "euler", "heun"}
+    integrator : {"rk4", "euler", "heun", "sdirk2", "sdirk3", "sdirk4"}
         Runge-Kutta method.
     hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
         Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:

@@ -266,7 +266,7 @@ def score(
         Start and stop in s of the samples to compare, by experiment if they differ.
     step : float, optional
         Step of the simulation in s; by default that of the diagram's file, else one that resolves the diagram.
-    integrator : {"rk4", "euler", "heun"}
+    integrator : {"rk4", "euler", "heun", "sdirk2", "sdirk3", "sdirk4"}
         Runge-Kutta method.
     hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
         Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:

@@ -53,8 +53,9 @@ def simulate(
         Step in s.
     start : float, default 0.0
         Time of the first instant in s.
-    method : {"rk4", "euler", "heun"}
-        Runge-Kutta method.
+    method : {"rk4", "euler", "heun", "sdirk2", "sdirk3", "sdirk4"}
+        Runge-Kutta method. The last three (of order 2, 3 and 4) are implicit and L-stable: for stiff diagrams, whose
+        fastest poles are beyond the step.
     inputs : dict of str to signal, optional
         For each input of the diagram a number, values on the steps, a pair (times in s, values), Samples, a Record or a
         Run (of which the signal of that name is taken, in the unit of the input), a pandas column indexed by time in s,

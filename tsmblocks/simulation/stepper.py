@@ -33,7 +33,7 @@ class Stepper:
         The diagram.
     step : float, default 1e-3
         Step in s.
-    method : {"rk4", "euler", "heun"}
+    method : {"rk4", "euler", "heun", "sdirk2", "sdirk3", "sdirk4"}
         Runge-Kutta method.
     parameters : dict of str to float, optional
         Values by name that replace those of the diagram.

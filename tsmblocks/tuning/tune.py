@@ -70,7 +70,7 @@ def tune(
         Sets of parameters; each diagram with each set is a case.
     stop, step : float, optional
         End and step of the runs in s, as for ``simulate``; the step is 1e-3 by default.
-    method : {"rk4", "euler", "heun"}
+    method : {"rk4", "euler", "heun", "sdirk2", "sdirk3", "sdirk4"}
         Runge-Kutta method.
     inputs : dict of str to signal, optional
         Inputs of the diagrams, as for ``simulate``.
