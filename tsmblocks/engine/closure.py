@@ -9,6 +9,7 @@ the engine solves.
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 from graphlib import TopologicalSorter
 from typing import Any
@@ -62,11 +63,15 @@ class Closure:
     def __init__(self, tears: Sequence[Tear], first: int, *, function: str = "rhs", eliminate: bool = False) -> None:
         self.loops: list[Loop] = []
         self.singular: list[tuple[str, ...]] = []
-        self._first, self._open = first, list[_Open]()
+        self._first = first
         self._function, self._eliminate = function, eliminate
-        self._solved: tuple[Column, Column] = (ca.SX(0, 1), ca.SX(0, 1))  # symbols, and what replaces them
+        self._order: list[_Open | tuple[Any, Any]] = []  # as solved; a pair is a symbol and what it equals
         for group in _groups(tears):
             self._solve([tears[k] for k in group])
+
+    @property
+    def _open(self) -> list[_Open]:
+        return [one for one in self._order if isinstance(one, _Open)]
 
     @property
     def count(self) -> int:
@@ -94,56 +99,56 @@ class Closure:
 
         The last one has what these signals must equal.
         """
-        z, g = ca.SX(0, 1), ca.SX(0, 1)
-        for one in self._open:
-            z, g = ca.vertcat(z, one.z), ca.vertcat(g, one.z + one.residual.call([one.z, one.w])[0])
-        return z, [*(_replaced(column, *self._solved) for column in columns), g]
+        known = _Values()
+        goals = []
+        for one in self._order:
+            if isinstance(one, _Open):
+                goals.append(one.z + one.residual.call([one.z, known.of(one.w)])[0])
+            else:
+                known.add(one[0], known.of(one[1]))
+        z = ca.vertcat(ca.SX(0, 1), *(one.z for one in self._open))
+        return z, [*(known.of(column) for column in columns), ca.vertcat(ca.SX(0, 1), *goals)]
 
     def _closed(self, columns: Sequence[Column], guess: Column, *, exact: bool) -> list[Column]:
         if not self.loops:
             return [*columns, ca.SX(0, 1)]
-        known, values, roots, place = ca.SX(0, 1), ca.SX(0, 1), ca.SX(0, 1), 0
-        for one in self._open:
-            w = _replaced(one.w, known, values)
-            size = one.z.shape[0]
+        known, roots, place = _Values(), ca.SX(0, 1), 0
+        for one in self._order:
+            if not isinstance(one, _Open):
+                known.add(one[0], known.of(one[1]))
+                continue
+            w, size = known.of(one.w), one.z.shape[0]
             root, count = one.solver(guess[place : place + size], w)
             place += size
-            value = root + one.correction.call([root, w])[0] if exact else root
-            known, values, roots = ca.vertcat(known, one.z), ca.vertcat(values, value), ca.vertcat(roots, root, count)
-        everything = _replaced(_replaced(ca.vertcat(ca.SX(0, 1), *columns), *self._solved), known, values)
+            known.add(one.z, root + one.correction.call([root, w])[0] if exact else root)
+            roots = ca.vertcat(roots, root, count)
+        everything = known.of(ca.vertcat(ca.SX(0, 1), *columns))
         ends = np.cumsum([0, *(column.shape[0] for column in columns)])
         return [*(everything[int(a) : int(b)] for a, b in itertools.pairwise(ends)), roots]
 
     def _solve(self, tears: list[Tear]) -> None:
         """Solve signals that depend on one another; what they read has been solved before."""
         z = ca.vertcat(*(tear.symbol for tear in tears))
-        given = _replaced(ca.vertcat(*(tear.expression for tear in tears)), *self._solved)
-        g, reads, w = _cut(given, z)
+        g, reads, w = _cut(ca.vertcat(*(tear.expression for tear in tears)), z)
         rest, passed = _substituted(z, g, eliminate=self._eliminate)
         left = ca.vertcat(ca.SX(0, 1), *(g for _, g in rest))
         z = ca.vertcat(ca.SX(0, 1), *(symbol for symbol, _ in rest))
         f, jacobian = left - z, ca.jacobian(left - z, z)
         path = tuple(tears[0].path)
-        values = z
         if not z.shape[0]:
             self.loops.append(Loop(path, 0, None, self._function))
         elif ca.depends_on(jacobian, z) or not _is_smooth(f, z):
             correction = ca.Function("correction", [z, w], [-_quotient(jacobian, f), ca.sumsqr(f)])
             solver = solving_function(self._first + len(self._open), correction)
-            self._open.append(_Open(z, reads, solver, correction, ca.Function("residual", [z, w], [f])))
+            self._order.append(_Open(z, reads, solver, correction, ca.Function("residual", [z, w], [f])))
             self.loops.append(Loop(path, z.shape[0], correction, self._function))
         else:
             at_zero = ca.substitute(f, z, ca.SX.zeros(*z.shape))
             self._check(jacobian, path)
             values = _guarded(jacobian, -_quotient(jacobian, at_zero))
             self.loops.append(Loop(path, z.shape[0], None, self._function))
-            self._keep(z, ca.substitute(values, w, reads))
-        for symbol, expression in reversed(passed):
-            solved = ca.substitute(expression, z, values) if z.shape[0] else expression
-            self._keep(symbol, _replaced(ca.substitute(solved, w, reads), *self._solved))
-
-    def _keep(self, symbols: Column, values: Column) -> None:
-        self._solved = (ca.vertcat(self._solved[0], symbols), ca.vertcat(self._solved[1], values))
+            self._order.append((z, ca.substitute(values, w, reads)))
+        self._order += [(symbol, ca.substitute(one, w, reads)) for symbol, one in reversed(passed)]
 
     def _check(self, jacobian: Any, path: tuple[str, ...]) -> None:
         """Note a loop that is singular whatever the parameters."""
@@ -182,34 +187,40 @@ def _ordered(groups: list[list[int]], depends: Any) -> list[list[int]]:
 
 def _substituted(z: Column, g: Column, *, eliminate: bool) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
     """The signals that depend on themselves once the others are substituted; and these, in that order."""
-    left: list[tuple[Any, Any]] = list(zip(_parts(z), _parts(g), strict=True))
+    symbols, made = _parts(z), _parts(g)
+    pattern = ca.Function("g", [z, _others(g, z)], [g]).jac_sparsity(0, 0)
+    reads: dict[int, set[int]] = {k: set() for k in range(len(symbols))}
+    for row, column in zip(*pattern.get_triplet(), strict=True):
+        reads[row].add(column)
     passed: list[tuple[Any, Any]] = []
-    while len(left) > (0 if eliminate else 1):
-        chosen = next((k for k, (symbol, made) in enumerate(left) if not ca.depends_on(made, symbol)), None)
-        if chosen is None and eliminate:
-            chosen = _next_pivot(left)
+    while len(reads) > (0 if eliminate else 1):
+        chosen = _next_passed(reads, symbols, made, eliminate=eliminate)
         if chosen is None:
             break
-        symbol, made = left.pop(chosen)
-        if ca.depends_on(made, symbol):
-            made = ca.substitute(made, symbol, 0) / (1 - ca.jacobian(made, symbol))
-        passed.append((symbol, made))
-        if not left:
-            break
-        others = ca.substitute(ca.vertcat(*(one for _, one in left)), symbol, made)
-        left = list(zip((s for s, _ in left), _parts(others), strict=True))
-    return left, passed
+        symbol, one, own = symbols[chosen], made[chosen], reads.pop(chosen)
+        if chosen in own:
+            one = ca.substitute(one, symbol, 0) / (1 - ca.jacobian(one, symbol))
+        passed.append((symbol, one))
+        for k, others in reads.items():
+            if chosen in others:
+                made[k] = ca.substitute(made[k], symbol, one)
+                reads[k] = (others | own) - {chosen}
+    return [(symbols[k], made[k]) for k in reads], passed
 
 
-def _next_pivot(left: list[tuple[Any, Any]]) -> int | None:
-    """The signal that is linear in itself and read by the fewest others (Markowitz); None where there is none."""
-    symbols, made = (ca.vertcat(*column) for column in zip(*left, strict=True))
-    pattern = ca.Function("g", [symbols, _others(made, symbols)], [made]).jac_sparsity(0, 0)
-    reads, readers = np.bincount(pattern.row(), minlength=len(left)), np.diff(pattern.colind())
-    for k in np.argsort(reads * readers, kind="stable"):
-        symbol, one = left[k]
-        if not ca.depends_on(ca.jacobian(one, symbol), symbol) and _is_smooth(one, symbol):
-            return int(k)
+def _next_passed(reads: dict[int, set[int]], symbols: list[Any], made: list[Any], *, eliminate: bool) -> int | None:
+    """A signal to be substituted: one that does not depend on itself, or is linear in itself; None without any.
+
+    Of these the one that is read by the fewest others, and reads the fewest (Markowitz).
+    """
+    readers = Counter(j for others in reads.values() for j in others)
+    order = sorted(reads, key=lambda k: (k in reads[k], len(reads[k]) * readers[k]))
+    for k in order:
+        if k not in reads[k]:
+            return k
+        slope = ca.jacobian(made[k], symbols[k]) if eliminate else None
+        if slope is not None and not ca.depends_on(slope, symbols[k]) and _is_smooth(made[k], symbols[k]):
+            return k
     return None
 
 
@@ -258,11 +269,23 @@ def _others(expressions: Column, symbols: Column) -> Column:
     return ca.vertcat(ca.SX(0, 1), *(s for s in ca.symvar(expressions) if s.element_hash() not in own))
 
 
-def _replaced(expressions: Column, symbols: Column, values: Column) -> Column:
-    """Expressions with other values for some symbols; what does not depend on them stays the same, not a copy."""
-    if not symbols.shape[0] or not ca.depends_on(expressions, symbols):
-        return expressions
-    return _walk(expressions, symbols, _parts(values), None)
+class _Values:
+    """Values of symbols. What does not depend on them stays the same, not a copy, in expressions formed with them."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, Any] = {}
+
+    def add(self, symbols: Column, values: Column) -> None:
+        """Keep the values of some symbols."""
+        pairs = zip(_parts(symbols), _parts(values), strict=True)
+        self._known |= {symbol.element_hash(): value for symbol, value in pairs}
+
+    def of(self, expressions: Column) -> Column:
+        """Expressions with the values in the place of the symbols."""
+        symbols = [one for one in ca.symvar(expressions) if one.element_hash() in self._known]
+        if not symbols:
+            return expressions
+        return _walk(expressions, ca.vertcat(*symbols), [self._known[one.element_hash()] for one in symbols], None)
 
 
 def _cut(expressions: Column, symbols: Column) -> tuple[Column, Column, Column]:
