@@ -18,11 +18,13 @@ from tsmblocks.blocks import (
     Integrator,
     Play,
     Saturation,
+    Sign,
     Sine,
     Step,
     Sum,
     Tanh,
 )
+from tsmblocks.common.errors import NotFinite
 from tsmblocks.engine.methods import METHODS
 from tsmblocks.simulation.stability import StepWarning
 
@@ -269,3 +271,17 @@ def test_a_motor_with_its_real_inductance():
     fine = tsm.simulate(d, stop=0.05, step=2e-7, inputs={"u": 12.0}, every=5000)
     run = tsm.simulate(d, stop=0.05, step=1e-3, inputs={"u": 12.0}, method="sdirk3")
     assert run["m.v"] == pytest.approx(fine["m.v"], rel=1e-3, abs=1e-2)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_step_without_a_solution_says_where(backend):
+    """x' = -10 sign(x) comes to rest at a jump, where the equations of a stage have no solution."""
+    d = tsm.Diagram(title="jump", blocks=dict(s=Sign(), k=Gain(gain=-10.0), i=Integrator()), wires=["i -> s -> k -> i"])
+    with pytest.raises(NotFinite) as caught:
+        tsm.simulate(d, stop=0.1, method="sdirk2", initial={"i.integral": 0.0123}, backend=backend)
+    assert str(caught.value) == (
+        "the equations of sdirk2 for the step to t = 0.002 s have no solution that Newton's method finds, first in "
+        "i.integral. One step before: i.integral = 0.0023. Something that jumps (a sign, a comparison) may leave them "
+        "without one; make it continuous, or take a shorter step."
+    )
+    assert caught.value.block == "i"
