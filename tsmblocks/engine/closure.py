@@ -192,6 +192,10 @@ def _substituted(z: Column, g: Column, *, eliminate: bool) -> tuple[list[tuple[A
     reads: dict[int, set[int]] = {k: set() for k in range(len(symbols))}
     for row, column in zip(*pattern.get_triplet(), strict=True):
         reads[row].add(column)
+    for k, own in reads.items() if eliminate else ():  # at first, as expressions are short
+        if k in own and _is_linear(made[k], symbols[k]):
+            made[k] = _without_itself(made[k], symbols[k])
+            own.discard(k)
     passed: list[tuple[Any, Any]] = []
     while len(reads) > (0 if eliminate else 1):
         chosen = _next_passed(reads, symbols, made, eliminate=eliminate)
@@ -199,7 +203,7 @@ def _substituted(z: Column, g: Column, *, eliminate: bool) -> tuple[list[tuple[A
             break
         symbol, one, own = symbols[chosen], made[chosen], reads.pop(chosen)
         if chosen in own:
-            one = ca.substitute(one, symbol, 0) / (1 - ca.jacobian(one, symbol))
+            one, own = _without_itself(one, symbol), own - {chosen}
         passed.append((symbol, one))
         for k, others in reads.items():
             if chosen in others:
@@ -216,12 +220,19 @@ def _next_passed(reads: dict[int, set[int]], symbols: list[Any], made: list[Any]
     readers = Counter(j for others in reads.values() for j in others)
     order = sorted(reads, key=lambda k: (k in reads[k], len(reads[k]) * readers[k]))
     for k in order:
-        if k not in reads[k]:
-            return k
-        slope = ca.jacobian(made[k], symbols[k]) if eliminate else None
-        if slope is not None and not ca.depends_on(slope, symbols[k]) and _is_smooth(made[k], symbols[k]):
+        if k not in reads[k] or (eliminate and _is_linear(made[k], symbols[k])):
             return k
     return None
+
+
+def _is_linear(expression: Any, symbol: Any) -> bool:
+    """Whether an expression is linear in a symbol."""
+    return not ca.depends_on(ca.jacobian(expression, symbol), symbol) and _is_smooth(expression, symbol)
+
+
+def _without_itself(expression: Any, symbol: Any) -> Any:
+    """The solution of symbol = expression, which is linear in it."""
+    return ca.substitute(expression, symbol, 0) / (1 - ca.jacobian(expression, symbol))
 
 
 def _is_smooth(f: Column, z: Column) -> bool:
