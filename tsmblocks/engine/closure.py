@@ -130,9 +130,8 @@ class Closure:
         """Solve signals that depend on one another; what they read has been solved before."""
         z = ca.vertcat(*(tear.symbol for tear in tears))
         g, reads, w = _cut(ca.vertcat(*(tear.expression for tear in tears)), z)
-        rest, passed = _substituted(z, g, eliminate=self._eliminate)
-        left = ca.vertcat(ca.SX(0, 1), *(g for _, g in rest))
-        z = ca.vertcat(ca.SX(0, 1), *(symbol for symbol, _ in rest))
+        elimination = _Elimination(z, g, linear=self._eliminate)
+        z, left = elimination.rest
         f, jacobian = left - z, ca.jacobian(left - z, z)
         path = tuple(tears[0].path)
         if not z.shape[0]:
@@ -148,7 +147,7 @@ class Closure:
             values = _guarded(jacobian, -_quotient(jacobian, at_zero))
             self.loops.append(Loop(path, z.shape[0], None, self._function))
             self._order.append((z, ca.substitute(values, w, reads)))
-        self._order += [(symbol, ca.substitute(one, w, reads)) for symbol, one in reversed(passed)]
+        self._order += [(symbol, ca.substitute(one, w, reads)) for symbol, one in elimination.passed]
 
     def _check(self, jacobian: Any, path: tuple[str, ...]) -> None:
         """Note a loop that is singular whatever the parameters."""
@@ -185,54 +184,91 @@ def _ordered(groups: list[list[int]], depends: Any) -> list[list[int]]:
     return [groups[i] for i in TopologicalSorter(needs).static_order()]
 
 
-def _substituted(z: Column, g: Column, *, eliminate: bool) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
-    """The signals that depend on themselves once the others are substituted; and these, in that order."""
-    symbols, made = _parts(z), _parts(g)
-    pattern = ca.Function("g", [z, _others(g, z)], [g]).jac_sparsity(0, 0)
-    reads: dict[int, set[int]] = {k: set() for k in range(len(symbols))}
-    for row, column in zip(*pattern.get_triplet(), strict=True):
-        reads[row].add(column)
-    for k, own in reads.items() if eliminate else ():  # at first, as expressions are short
-        if k in own and _is_linear(made[k], symbols[k]):
-            made[k] = _without_itself(made[k], symbols[k])
-            own.discard(k)
-    passed: list[tuple[Any, Any]] = []
-    while len(reads) > (0 if eliminate else 1):
-        chosen = _next_passed(reads, symbols, made, eliminate=eliminate)
-        if chosen is None:
-            break
-        symbol, one, own = symbols[chosen], made[chosen], reads.pop(chosen)
-        if chosen in own:
-            one, own = _without_itself(one, symbol), own - {chosen}
-        passed.append((symbol, one))
-        for k, others in reads.items():
-            if chosen in others:
-                made[k] = ca.substitute(made[k], symbol, one)
-                reads[k] = (others | own) - {chosen}
-    return [(symbols[k], made[k]) for k in reads], passed
+class _Elimination:
+    """Signals of a group, of which as many as possible are taken out one by one: ``gone``, in that order.
 
-
-def _next_passed(reads: dict[int, set[int]], symbols: list[Any], made: list[Any], *, eliminate: bool) -> int | None:
-    """A signal to be substituted: one that does not depend on itself, or is linear in itself; None without any.
-
-    Of these the one that is read by the fewest others, and reads the fewest (Markowitz).
+    What is taken out is kept as it is, not put into what reads it, so that expressions stay short; ``reads`` are the
+    signals left that each depends on. Only where a signal depends on itself by way of others are these put in. With
+    ``linear`` a signal that depends on itself is taken out too, where it is linear in itself.
     """
-    readers = Counter(j for others in reads.values() for j in others)
-    order = sorted(reads, key=lambda k: (k in reads[k], len(reads[k]) * readers[k]))
-    for k in order:
-        if k not in reads[k] or (eliminate and _is_linear(made[k], symbols[k])):
-            return k
-    return None
+
+    def __init__(self, z: Column, g: Column, *, linear: bool) -> None:
+        self.symbols, self.made, self.linear = _parts(z), _parts(g), linear
+        self.place = {symbol.element_hash(): k for k, symbol in enumerate(self.symbols)}
+        pattern = ca.Function("g", [z, _others(g, z)], [g]).jac_sparsity(0, 0)
+        self.reads: dict[int, set[int]] = {k: set() for k in range(len(self.symbols))}
+        for row, column in zip(*pattern.get_triplet(), strict=True):
+            self.reads[row].add(column)
+        self.gone: dict[int, set[int]] = {}
+        self._kept: dict[int, frozenset[int]] = {}  # not linear, with what they read
+        for k, own in self.reads.items():
+            if k in own and linear and _is_linear(self.made[k], self.symbols[k]):
+                self._solve(k)
+                own.discard(k)
+        while len(self.reads) > (0 if linear else 1) and (chosen := self._next()) is not None:
+            self._take_out(chosen)
+
+    @property
+    def passed(self) -> list[tuple[Any, Any]]:
+        """What was taken out, each after those that it reads."""
+        order = TopologicalSorter({k: self._in(k) & self.gone.keys() for k in self.gone}).static_order()
+        return [(self.symbols[k], self.made[k]) for k in order]
+
+    @property
+    def rest(self) -> tuple[Column, Column]:
+        """The signals that are left, and their expressions in terms of each other."""
+        known = _Values()
+        for symbol, made in self.passed:
+            known.add(symbol, known.of(made))
+        left = [ca.vertcat(ca.SX(0, 1), *(column[k] for k in self.reads)) for column in (self.symbols, self.made)]
+        return left[0], known.of(left[1])
+
+    def _in(self, k: int) -> set[int]:
+        """Signals that occur in an expression."""
+        return {self.place[s.element_hash()] for s in ca.symvar(self.made[k]) if s.element_hash() in self.place}
+
+    def _take_out(self, k: int) -> None:
+        own = self.reads.pop(k)
+        if k in own:
+            self._solve(k)
+        own = own - {k}
+        self.gone[k] = own
+        for j, others in self.reads.items():
+            if k in others:
+                self.reads[j] = (others | own) - {k}
+
+    def _solve(self, k: int) -> None:
+        """Solve a signal, which is linear in itself, for itself."""
+        made, symbol = self.made[k], self.symbols[k]
+        self.made[k] = ca.substitute(made, symbol, 0) / (1 - ca.jacobian(made, symbol))
+
+    def _next(self) -> int | None:
+        """What to take out next: of all candidates what the fewest read, and reads the fewest (Markowitz)."""
+        readers = Counter(j for others in self.reads.values() for j in others)
+        for k in sorted(self.reads, key=lambda k: (k in self.reads[k], len(self.reads[k]) * readers[k])):
+            if k not in self.reads[k]:
+                return k
+            if self.linear and self._kept.get(k) != self.reads[k]:
+                self._put_in(k)
+                if _is_linear(self.made[k], self.symbols[k]):
+                    return k
+                self._kept[k] = frozenset(self.reads[k])
+        return None
+
+    def _put_in(self, k: int) -> None:
+        """Put what depends on a signal into its own expression."""
+        through = {k}
+        for m in reversed(self.gone):  # what each reads was there when it went, so it went later or is left
+            if self.gone[m] & through:
+                through.add(m)
+        while present := (self._in(k) & through) - {k}:
+            old, new = (ca.vertcat(*(column[m] for m in present)) for column in (self.symbols, self.made))
+            self.made[k] = ca.substitute(self.made[k], old, new)
 
 
 def _is_linear(expression: Any, symbol: Any) -> bool:
     """Whether an expression is linear in a symbol."""
     return not ca.depends_on(ca.jacobian(expression, symbol), symbol) and _is_smooth(expression, symbol)
-
-
-def _without_itself(expression: Any, symbol: Any) -> Any:
-    """The solution of symbol = expression, which is linear in it."""
-    return ca.substitute(expression, symbol, 0) / (1 - ca.jacobian(expression, symbol))
 
 
 def _is_smooth(f: Column, z: Column) -> bool:
