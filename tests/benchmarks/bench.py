@@ -27,6 +27,7 @@ import numpy as np  # noqa: E402 - after the threads are set
 import peers  # noqa: E402
 import recovery  # noqa: E402
 import single_run  # noqa: E402
+import stiff  # noqa: E402
 import studies  # noqa: E402
 from measure import Report  # noqa: E402
 
@@ -41,6 +42,8 @@ SECTIONS = {
     "fits": fits.fits,
     "recovery": recovery.recovery,
     "chains": chains.chains,
+    "stiff": stiff.stiff,
+    "loops": stiff.loops,
 }
 
 
