@@ -1,4 +1,4 @@
-"""Stiff diagrams by the implicit methods, against Radau at 1e-10; and algebraic loops beside the same without a loop."""
+"""Stiff diagrams by the implicit methods, against Radau at 1e-10; algebraic loops beside the same without one."""
 
 from __future__ import annotations
 
