@@ -151,6 +151,17 @@ def test_every_way_to_run_agrees(method):
     assert tsm.simulate(d, initial=first.state, **options)["y"] == pytest.approx(run["y"][20:], abs=1e-14)
 
 
+def test_a_run_may_continue_with_another_method():
+    d, options = motor_loop(), dict(step=2e-4, inputs={"r": 1.0})
+    whole = tsm.simulate(d, stop=0.5, **options)
+    first = tsm.simulate(d, stop=0.2, **options)
+    for method in IMPLICIT:
+        rest = tsm.simulate(d, stop=0.5, initial=first.state, method=method, **options)
+        assert rest["y"] == pytest.approx(whole["y"][1000:], abs=1e-5)
+        back = tsm.simulate(d, stop=0.8, initial=rest.state, **options)
+        assert np.isfinite(back["y"]).all()
+
+
 @pytest.mark.parametrize("method", ["sdirk2", "sdirk4"])
 def test_memory_samples_and_delays_are_as_with_rk4(method):
     """At a short step both converge to the same run."""

@@ -56,7 +56,9 @@ def restored_memory(saved: SavedState, eq: Equations, own: Memory, h: float) -> 
             f"the saved state keeps the past of '{eq.title}' for delays of another length. Take one from a "
             "run with these delays."
         )
-    made = attrs.evolve(saved.memory, loops=getattr(saved.memory, "loops", own.loops)).copy()
+    loops = getattr(saved.memory, "loops", own.loops)  # absent in states saved before there were loops
+    loops = loops if loops.shape == own.loops.shape else own.loops  # another method has others
+    made = attrs.evolve(saved.memory, loops=loops).copy()
     made.p = own.p
     return made
 
