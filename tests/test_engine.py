@@ -317,7 +317,7 @@ def everything():
         blocks={
             "ref": Sine(),
             "e": Sum(),
-            "pid": DiscretePID(period=0.01),
+            "pid": DiscretePID(period=0.01, kp=1.5, ki=2.0, low=-24.0, high=24.0),
             "slow": ZeroOrderHold(period=0.05),
             "hold": UnitDelay(period=0.02),
             "lag": FirstOrderLag(time_constant=0.2),

@@ -111,7 +111,7 @@ def sampled():
     """A sampled controller on a continuous plant, with a delay of the bus."""
     blocks = {
         "e": Sum(signs="+-"),
-        "pid": DiscretePID(period=0.01),
+        "pid": DiscretePID(period=0.01, kp=1.5, ki=2.0, low=-24.0, high=24.0),
         "sat": Saturation(low=-2.0, high=2.0),
         "bus": DeadTime(time=0.0234),
         "plant": FirstOrderLag(gain=2.0, time_constant=0.3),

@@ -16,8 +16,14 @@ CONTINUOUS = {
     "SecondOrderLag": (b.SecondOrderLag(gain=2.0, omega=7.0, zeta=0.3), 2 * 49 / (S**2 + 2 * 0.3 * 7 * S + 49)),
     "FilteredDerivative": (b.FilteredDerivative(time_constant=0.05), S / (0.05 * S + 1)),
     "TransferFunction": (b.TransferFunction(num=(1, 2), den=(2, 3, 4)), (S + 2) / (2 * S**2 + 3 * S + 4)),
-    "ZeroPoleGain": (b.ZeroPoleGain(), 50 * (S + 10) / ((S + 20) * ((S + 3) ** 2 + 16))),
-    "StateSpace": (b.StateSpace(), ct.ss([[0, 1], [-100, -2]], [[0], [100]], [[1, 0]], [[0]])),
+    "ZeroPoleGain": (
+        b.ZeroPoleGain(zeros=[-10], poles=[-20], pole_pairs=[[-3, 4]], gain=50),
+        50 * (S + 10) / ((S + 20) * ((S + 3) ** 2 + 16)),
+    ),
+    "StateSpace": (
+        b.StateSpace(A=[[0, 1], [-100, -2]], B=[[0], [100]], C=[[1, 0]]),
+        ct.ss([[0, 1], [-100, -2]], [[0], [100]], [[1, 0]], [[0]]),
+    ),
     "LeadLag": (b.LeadLag(gain=2.0, lead=0.1, lag=0.02), 2 * (0.1 * S + 1) / (0.02 * S + 1)),
     "PID": (b.PID(kp=1.5, ki=2.0, kd=0.3, tau=0.05), 1.5 + 2 / S + 0.3 * S / (0.05 * S + 1)),
     "MotorTransferFunction": (b.MotorTransferFunction(), 2 / (S * (0.02 * S + 1))),
@@ -36,7 +42,10 @@ SAMPLED = {
         b.DiscreteTransferFunction(num=(0.2, 0.1), den=(1, -1.5, 0.7), period=T),
         ct.tf([0.2, 0.1], [1, -1.5, 0.7], dt=T),
     ),
-    "DiscreteStateSpace": (b.DiscreteStateSpace(period=T), ct.ss([[0.9]], [[0.1]], [[1]], [[0]], dt=T)),
+    "DiscreteStateSpace": (
+        b.DiscreteStateSpace(A=[[0.9]], B=[[0.1]], C=[[1]], period=T),
+        ct.ss([[0.9]], [[0.1]], [[1]], [[0]], dt=T),
+    ),
     "DiscreteIntegrator": (b.DiscreteIntegrator(gain=2.0, period=T), None),
     "MovingAverage": (b.MovingAverage(length=3, period=T), (1 + 1 / Z + 1 / Z**2) / 3),
 }

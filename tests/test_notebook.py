@@ -224,7 +224,7 @@ SHORT = {
     "tuned": "Tuned(pid.kp 2; rms(x_ref - x_out) [deg] 0.",
     "control": "OptimalControl(… u, ",
     "frequencies": "FrequencyResponse(… x over u, 2 frequencies, sizes 0.1, 0.2)",
-    "block": "PID(kp=2.0, ki=2.0, kd=0.0, tau=0.01, integral=0.0, smooth=0.0)",
+    "block": "PID(kp=2.0, ki=0.0, kd=0.0, tau=0.01, integral=0.0, smooth=0.0)",
     "source": "Sine(amplitude=0.9599310885968813, frequency=0.2, ",
 }
 

@@ -116,7 +116,12 @@ def behind_servo(numbers):
     )
     both = tsm.Diagram(
         title="feedforward and PID",
-        blocks={**blocks, "e": tsm.blocks.Sum(), "pid": tsm.blocks.PID(), "total": tsm.blocks.Sum(signs="++")},
+        blocks={
+            **blocks,
+            "e": tsm.blocks.Sum(),
+            "pid": tsm.blocks.PID(kp=1.5, ki=2.0),
+            "total": tsm.blocks.Sum(signs="++"),
+        },
         wires=[
             "ref -> compensator -> total.plus1",
             "ref -> e.plus",

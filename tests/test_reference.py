@@ -84,7 +84,7 @@ MATHS = {k: getattr(np, k) for k in ("exp", "sqrt", "sign", "log", "floor", "log
 
 @pytest.mark.parametrize("name", BLOCKS)
 def test_equations_written_out_are_those_of_the_block(name):
-    block = BLOCKS[name]()
+    block = examples.example(BLOCKS[name]).blocks[examples.snake(name)]
     function, labels, results = tracing._function(block)
     plain = [f"v{k}" for k in range(len(labels))]
     sides = {k: k for _, k in results}

@@ -158,7 +158,7 @@ def test_the_frequency_response_of_a_sampled_block_is_that_of_what_it_holds(step
     """Half a step is not lost: z/(z - 0.9) under a hold, and its first image as a harmonic of 1/(T f) - 1."""
     d = tsm.Diagram(
         title="held",
-        blocks={"f": DiscreteTransferFunction(period=0.01, num=(0.1, 0.0)), "g": Gain(gain=-2.0)},
+        blocks={"f": DiscreteTransferFunction(period=0.01, num=(0.1, 0.0), den=(1.0, -0.9)), "g": Gain(gain=-2.0)},
         wires=["f -> g"],
         inputs={"u": "f"},
         outputs={"y": "g"},

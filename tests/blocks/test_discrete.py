@@ -24,14 +24,18 @@ ALL = [
     DiscreteIntegrator(method="backward"),
     DiscreteIntegrator(method="trapezoidal"),
     DiscretePID(),
+    DiscretePID(ki=2.0, kd=0.1, low=-1.0, high=1.0),
     DiscretePID(tau=0.0, low=-np.inf, high=np.inf),
     DiscreteStateSpace(),
+    DiscreteStateSpace(A=[[0.9]], B=[[0.1]], C=[[1.0]]),
     DiscreteTransferFunction(),
+    DiscreteTransferFunction(num=(0.1,), den=(1.0, -0.9)),
     MovingAverage(),
     MovingAverage(length=1),
     UnitDelay(),
     ZeroOrderHold(),
 ]
+LAG = dict(A=[[0.9]], B=[[0.1]], C=[[1.0]])
 U = np.random.default_rng(0).normal(size=60)
 SYSTEM = dict(
     A=[[0.5, 0.2, 0.0], [-0.1, 0.7, 0.3], [0.0, 0.1, 0.2]],
@@ -61,8 +65,8 @@ def passes_through(block):
 
 def test_only_blocks_with_a_direct_path_pass_their_input_through():
     direct = [ZeroOrderHold(), MovingAverage(), DiscretePID(), DiscreteIntegrator(method="backward")]
-    direct += [DiscreteTransferFunction(num=(1.0, 0.0)), DiscreteStateSpace(D=[[0.0]])]
-    late = [UnitDelay(), DiscreteIntegrator(), DiscreteTransferFunction(), DiscreteStateSpace()]
+    direct += [DiscreteTransferFunction(), DiscreteStateSpace(**LAG, D=[[0.0]])]
+    late = [UnitDelay(), DiscreteIntegrator(), DiscreteTransferFunction(den=(1.0, -0.9)), DiscreteStateSpace(**LAG)]
     assert [passes_through(b) for b in direct] == [True] * len(direct)
     assert [passes_through(b) for b in late] == [False] * len(late)
 
@@ -179,40 +183,41 @@ def test_pid_gives_way_at_its_limit():
             dict(den=(0.0, 1.0)),
         ),
         (
-            "DiscreteTransferFunction.num must be one list of numbers, such as [1, 0.5].",
+            "DiscreteTransferFunction.num must be one list of numbers, such as [1, 0.5], "
+            "got ((1.0, 2.0),). It is: numerator.",
             DiscreteTransferFunction,
             dict(num=((1.0, 2.0),)),
         ),
         (
-            "DiscreteTransferFunction must be proper: 1 <= len(num) <= len(den), got 3 and 2.",
+            "DiscreteTransferFunction must be proper: 1 <= len(num) <= len(den), got 3 and 1.",
             DiscreteTransferFunction,
             dict(num=(1.0, 2.0, 3.0)),
         ),
         (
             "DiscreteTransferFunction.x0 needs one number per state (1) or none, got 2.",
             DiscreteTransferFunction,
-            dict(x0=(1.0, 2.0)),
+            dict(den=(1.0, -0.9), x0=(1.0, 2.0)),
         ),
         ("DiscreteStateSpace.A must be a list of rows, such as [[1, 0], [0, 1]].", DiscreteStateSpace, dict(A=(0.9,))),
         (
             "DiscreteStateSpace.B must have 2 rows of 1, as the other matrices have it, got rows of length 1.",
             DiscreteStateSpace,
-            dict(A=[[0.9, 0.0], [0.0, 0.9]], C=[[1.0, 0.0]]),
+            dict(A=[[0.9, 0.0], [0.0, 0.9]], B=[[0.1]], C=[[1.0, 0.0]]),
         ),
         (
             "DiscreteStateSpace.D must have 1 rows of 1, as the other matrices have it, got rows of length 2.",
             DiscreteStateSpace,
-            dict(D=[[0.0, 1.0]]),
+            dict(**LAG, D=[[0.0, 1.0]]),
         ),
         (
             "DiscreteStateSpace needs at least one input (columns of B) and one output (rows of C).",
             DiscreteStateSpace,
-            dict(A=[], B=[], C=[], D=[]),
+            dict(A=[[0.9]]),
         ),
         (
             "DiscreteStateSpace.x0 needs one number per state (1) or none, got 3.",
             DiscreteStateSpace,
-            dict(x0=(1.0, 2.0, 3.0)),
+            dict(**LAG, x0=(1.0, 2.0, 3.0)),
         ),
         ("DiscretePID needs low < high, got low=2, high=2.", DiscretePID, dict(low=2, high=2)),
         (

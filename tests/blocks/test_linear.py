@@ -16,6 +16,7 @@ from tsmblocks.common.errors import BlockError, ParameterError
 from tsmblocks.model.block import signals
 
 FREQUENCIES = np.logspace(-2, 3, 61)
+OSCILLATOR = StateSpace(A=[[0, 1], [-100, -2]], B=[[0], [100]], C=[[1, 0]])
 MIMO = StateSpace(
     A=((0, 1, 0), (-4, -1, 2), (0, 0, -3)), B=((0, 1), (1, 0), (0.5, 2)), C=((1, 0, 0), (0, 1, 1)), D=((0, 0.5), (0, 0))
 )
@@ -56,9 +57,12 @@ def assert_same_response(block, system):
         MIMO,
         SecondOrderLag(),
         StateSpace(),
+        OSCILLATOR,
         TransferFunction(),
+        TransferFunction(den=(0.05, 1)),
         TransferFunction(num=(1, 2, 3), den=(2, 1, 5)),
         ZeroPoleGain(),
+        ZeroPoleGain(zeros=(-10,), poles=(-20,), pole_pairs=((-3, 4),), gain=50),
     ],
     ids=lambda block: type(block).__name__,
 )
@@ -180,7 +184,7 @@ def test_zero_pole_gain(zeros, zero_pairs, poles, pole_pairs):
 
 
 def test_state_space():
-    assert_same_response(StateSpace(), control.ss([[0, 1], [-100, -2]], [[0], [100]], [[1, 0]], [[0]]))
+    assert_same_response(OSCILLATOR, control.ss([[0, 1], [-100, -2]], [[0], [100]], [[1, 0]], [[0]]))
     a, b, c, d = matrices(MIMO)
     assert a.tolist() == [[0, 1, 0], [-4, -1, 2], [0, 0, -3]]
     assert b.tolist() == [[0, 1], [1, 0], [0.5, 2]]
@@ -188,8 +192,8 @@ def test_state_space():
     assert d.tolist() == [[0, 0.5], [0, 0]]
     assert list(MIMO.inports) == ["u1", "u2"]
     assert list(MIMO.outports) == ["y1", "y2"]
-    assert list(StateSpace().inports) == ["u"]
-    assert list(StateSpace().outports) == ["y"]
+    assert list(OSCILLATOR.inports) == ["u"]
+    assert list(OSCILLATOR.outports) == ["y"]
 
 
 def test_state_space_without_states_is_a_gain():
@@ -199,7 +203,11 @@ def test_state_space_without_states_is_a_gain():
 
 @pytest.mark.parametrize(
     "block",
-    [TransferFunction(den=(1, 2, 3), x0=(4, 5)), ZeroPoleGain(zeros=(), poles=(), x0=(4, 5)), StateSpace(x0=(4, 5))],
+    [
+        TransferFunction(den=(1, 2, 3), x0=(4, 5)),
+        ZeroPoleGain(poles=(-1, -2), x0=(4, 5)),
+        OSCILLATOR.replace(x0=(4, 5)),
+    ],
 )
 def test_start_values(block):
     assert [s.start for s in block.states.values()] == [4, 5]
@@ -358,22 +366,22 @@ def test_refuses_fractions_that_are_none():
     cls = TransferFunction
     proper = "TransferFunction must be proper: 1 <= len(num) <= len(den), got"
     refuses(f"{proper} 2 and 1.", cls, num=(1, 2), den=(1,))
-    refuses(f"{proper} 0 and 2.", cls, num=())
+    refuses(f"{proper} 0 and 1.", cls, num=())
     refuses("TransferFunction.den must begin with a number other than 0, got (0.0, 1.0).", cls, den=(0, 1))
     refuses("TransferFunction.den must begin with a number other than 0, got ().", cls, den=())
-    refuses("TransferFunction.num must be one list of numbers, such as [1, 0.5].", cls, num=((1,),))
-    refuses("TransferFunction.x0 needs one number per state (1) or none, got 2.", cls, x0=(1, 2))
+    refuses(
+        "TransferFunction.num must be one list of numbers, such as [1, 0.5], got ((1.0,),). It is: numerator.",
+        cls,
+        num=((1,),),
+    )
+    refuses("TransferFunction.x0 needs one number per state (1) or none, got 2.", cls, den=(1, 1), x0=(1, 2))
     cls = ZeroPoleGain
     refuses(
-        "ZeroPoleGain must be proper: no more zeros than poles, got 2 zeros and 1 poles.",
-        cls,
-        zeros=(1, 2),
-        poles=(1,),
-        pole_pairs=(),
+        "ZeroPoleGain must be proper: no more zeros than poles, got 2 zeros and 1 poles.", cls, zeros=(1, 2), poles=(1,)
     )
     refuses("ZeroPoleGain.pole_pairs[0] must be a real and an imaginary part, got (-1.0,).", cls, pole_pairs=((-1,),))
     refuses("ZeroPoleGain.zero_pairs[0] must be a real and an imaginary part, got 1.", cls, zero_pairs=(1, 2))
-    refuses("ZeroPoleGain.x0 needs one number per state (3) or none, got 1.", cls, x0=(1,))
+    refuses("ZeroPoleGain.x0 needs one number per state (3) or none, got 1.", cls, poles=(1, 2, 3), x0=(1,))
 
 
 def test_refuses_matrices_that_do_not_fit():
@@ -382,14 +390,14 @@ def test_refuses_matrices_that_do_not_fit():
     refuses("StateSpace.A must be a list of rows, such as [[1, 0], [0, 1]].", cls, A=(1, 2))
     refuses("StateSpace.A must be square, got 2 rows of length 2, 1.", cls, A=((0, 1), (2,)))
     refuses("StateSpace.A must be square, got 1 row of length 2.", cls, A=((0, 1),))
-    refuses(f"StateSpace.B must have 2 rows of 1, {fit} 1.", cls, B=((1,),))
-    refuses(f"StateSpace.C must have 1 rows of 2, {fit} 3.", cls, C=((1, 0, 0),))
-    refuses(f"StateSpace.D must have 1 rows of 1, {fit} 2.", cls, D=((1, 0),))
-    refuses(f"StateSpace.B must have 2 rows of 1, {fit} none.", cls, B=(), D=((1,),))
-    refuses(
-        "StateSpace needs at least one input (columns of B) and one output (rows of C).", cls, A=(), B=(), C=(), D=()
-    )
-    refuses("StateSpace.x0 needs one number per state (2) or none, got 1.", cls, x0=(1,))
+    whole = dict(A=((0, 1), (-100, -2)), B=((0,), (100,)), C=((1, 0),))
+    refuses(f"StateSpace.B must have 2 rows of 1, {fit} 1.", cls, **{**whole, "B": ((1,),)})
+    refuses(f"StateSpace.C must have 1 rows of 2, {fit} 3.", cls, **{**whole, "C": ((1, 0, 0),)})
+    refuses(f"StateSpace.D must have 1 rows of 1, {fit} 2.", cls, **whole, D=((1, 0),))
+    refuses(f"StateSpace.B must have 2 rows of 1, {fit} none.", cls, **{**whole, "B": ()}, D=((1,),))
+    refuses("StateSpace needs at least one input (columns of B) and one output (rows of C).", cls, A=((-1,),))
+    refuses("StateSpace.x0 needs one number per state (2) or none, got 1.", cls, **whole, x0=(1,))
+    refuses("StateSpace.D must be a list of rows, such as [[1, 0], [0, 1]].", cls, D=(((1,),),))
 
 
 def test_an_integrator_whose_gain_brings_a_unit_closes_a_loop():

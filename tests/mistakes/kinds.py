@@ -311,7 +311,7 @@ def sensitivities_by_nothing():
     tsm.sensitivities(lag(), [], inputs={"u": 1.0}, stop=0.1)
 
 
-@mistake(RunError, "only a run can be measured, got PID(kp=1.5, ki=2.0, kd=0.0, tau=0.01, integral=0.0, smooth=….")
+@mistake(RunError, "only a run can be measured, got PID(kp=1.0, ki=0.0, kd=0.0, tau=0.01, integral=0.0, smooth=….")
 def a_block_is_measured():
     tsm.measure(PID(), "rms(y)")
 
@@ -365,7 +365,7 @@ def a_frequency_as_text():
     analysis.frequency_response(lag(), "1")
 
 
-@mistake(TsmError, "only a diagram can be drawn, got PID(kp=1.5, ki=2.0, kd=0.0, tau=0.01, integral=0.0, smooth=….")
+@mistake(TsmError, "only a diagram can be drawn, got PID(kp=1.0, ki=0.0, kd=0.0, tau=0.01, integral=0.0, smooth=….")
 def a_block_is_drawn():
     tsm.to_svg(PID())
 

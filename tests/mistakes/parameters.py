@@ -196,7 +196,12 @@ def a_list_where_a_number_belongs():
     Gain(gain=[1.0, 2.0])
 
 
-@mistake(ParameterError, "TransferFunction.den must be one list of numbers, such as [1, 0.5].")
+@mistake(
+    ParameterError,
+    """
+TransferFunction.den must be one list of numbers, such as [1, 0.5], got ((1.0, 2.0), (3.0, 4.0)). It is: denominator; \
+its length sets the order.""",
+)
 def a_list_of_lists_where_a_list_belongs():
     TransferFunction(den=[[1.0, 2.0], [3.0, 4.0]])
 

@@ -5,10 +5,11 @@ The formulas of the transmission come from the hysteresis family, so plant and c
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from tsmblocks.blocks.hysteresis import hysteresis_state, slope
-from tsmblocks.blocks.shared import check_limits, limited
+from tsmblocks.blocks.shared import anti_windup, check_limits, limited
 from tsmblocks.model.block import Block, Input, Output, block, parameter, state
 
 
@@ -99,13 +100,14 @@ class PID(Block):
     .. math:: y = k_P e + k_I \int e\,dt + k_D \frac{s}{1 + \tau s}\, e
 
     The pure derivative of (15) is not proper, so it is filtered. Keep ``tau`` above about 0.36 of the engine's step.
+    By default the error passes unchanged; the paper's gains are kP = 1.5, kI = 2 and kD = 0.
     """
 
-    source = "Paper, Eq (15); gains of section 6"
+    source = "Paper, Eq (15)"
     symbol = "PID"
 
-    kp: float = parameter(default=1.5, about="proportional gain")
-    ki: float = parameter(default=2.0, about="integral gain", unit="1/s")
+    kp: float = parameter(default=1.0, about="proportional gain")
+    ki: float = parameter(default=0.0, about="integral gain", unit="1/s")
     kd: float = parameter(default=0.0, about="derivative gain", unit="s")
     tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", above=0.0)
 
@@ -132,20 +134,21 @@ class PIDController(Block):
         u = \min(\max(w, u_{low}), u_{high}) \\
         \dot I &= k_I (r - y_m) + k_{aw} (u - w)
 
-    The weights b and c say how much of the reference the proportional and the derivative action see.
+    The weights b and c say how much of the reference the proportional and the derivative action see. By default it has
+    no limits and no integral action; without integral action (kI = 0) there is no anti-windup either.
     """
 
     source = "Åström and Hägglund, PID Controllers (1995), sections 3.4 and 3.5"
     symbol = "PID"
 
-    kp: float = parameter(default=1.5, about="proportional gain")
-    ki: float = parameter(default=2.0, about="integral gain", unit="1/s")
+    kp: float = parameter(default=1.0, about="proportional gain")
+    ki: float = parameter(default=0.0, about="integral gain", unit="1/s")
     kd: float = parameter(default=0.0, about="derivative gain", unit="s")
     tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", above=0.0)
     b: float = parameter(default=1.0, about="weight of the reference in the proportional action")
     c: float = parameter(default=0.0, about="weight of the reference in the derivative action")
-    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
-    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
+    low: float = parameter(default=-math.inf, about="smallest output", unit="?u", finite=False)
+    high: float = parameter(default=math.inf, about="largest output", unit="?u", finite=False)
     kaw: float = parameter(default=2.0, about="rate of the anti-windup at a limit", unit="1/s", at_least=0.0)
 
     r = Input("reference", unit="?r")
@@ -165,7 +168,7 @@ class PIDController(Block):
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         unlimited = self._unlimited(x, u)
         excess = limited(self, unlimited) - unlimited
-        return dict(integral=self.ki * (u.r - u.ym) + self.kaw * excess, smooth=self._rate(x, u))
+        return dict(integral=self.ki * (u.r - u.ym) + anti_windup(self) * excess, smooth=self._rate(x, u))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(u=limited(self, self._unlimited(x, u)))
@@ -176,6 +179,8 @@ class LeadLag(Block):
     r"""First-order compensator that leads or lags in phase.
 
     .. math:: \frac{Y(s)}{U(s)} = k\, \frac{1 + T_1 s}{1 + T_2 s}
+
+    By default both time constants are equal, and the signal passes unchanged.
     """
 
     source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems, section 6.7"
@@ -183,7 +188,7 @@ class LeadLag(Block):
 
     gain: float = parameter(default=1.0, about="gain at rest")
     lead: float = parameter(default=0.1, about="time constant of the numerator", unit="s")
-    lag: float = parameter(default=0.02, about="time constant of the denominator", unit="s", above=0.0)
+    lag: float = parameter(default=0.1, about="time constant of the denominator", unit="s", above=0.0)
     u = Input("any signal", unit="?u")
     y = Output("compensated signal", unit="?y")
     smooth: float = state(default=0.0, about="input after the lag", unit="?u")

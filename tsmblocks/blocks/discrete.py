@@ -6,10 +6,11 @@ are formed from the old state and the present inputs and then held; after that t
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from tsmblocks.blocks import linear_systems as systems
-from tsmblocks.blocks.shared import UNIT, UNIT_IN, check_limits, limited
+from tsmblocks.blocks.shared import UNIT, UNIT_IN, anti_windup, check_limits, limited
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
 
@@ -82,8 +83,8 @@ class DiscreteTransferFunction(Block):
     sampled = True
 
     period: float = _period()
-    num: tuple[float, ...] = parameter(default=(0.1,), about="numerator")
-    den: tuple[float, ...] = parameter(default=(1.0, -0.9), about="denominator; its length sets the order")
+    num: tuple[float, ...] = parameter(default=(1.0,), about="numerator")
+    den: tuple[float, ...] = parameter(default=(1.0,), about="denominator; its length sets the order")
     x0: tuple[float, ...] = parameter(
         default=(), about="initial states w, newest first; an empty list means zeros", initial=True
     )
@@ -108,7 +109,8 @@ class DiscreteStateSpace(Block):
 
     .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k + D u_k
 
-    Ports are named as those of ``StateSpace``. Without D no input reaches an output at the same sample.
+    Ports are named as those of ``StateSpace``. Without D no input reaches an output at the same sample. Without any
+    matrix the signal passes unchanged.
     """
 
     source = "Åström and Wittenmark, Computer-Controlled Systems, section 2.3"
@@ -116,9 +118,9 @@ class DiscreteStateSpace(Block):
     sampled = True
 
     period: float = _period()
-    A: systems.Rows = parameter(default=((0.9,),), about="state matrix, as rows")
-    B: systems.Rows = parameter(default=((0.1,),), about="input matrix, as rows")
-    C: systems.Rows = parameter(default=((1.0,),), about="output matrix, as rows")
+    A: systems.Rows = parameter(default=(), about="state matrix, as rows")
+    B: systems.Rows = parameter(default=(), about="input matrix, as rows")
+    C: systems.Rows = parameter(default=(), about="output matrix, as rows")
     D: systems.Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
     x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros", initial=True)
     input_names: tuple[str, ...] = systems.names_of("inputs", "u, or u1, u2, …")
@@ -144,7 +146,8 @@ class DiscretePID(Block):
         w_k &= k_P e_k + i_k + d_k, \qquad y_k = \min(\max(w_k, y_{low}), y_{high}), \qquad
         I_k = i_k + k_{aw} T (y_k - w_k)
 
-    With :math:`\tau = 0` the derivative is the plain difference quotient. Keep :math:`k_{aw} T` below 1.
+    With :math:`\tau = 0` the derivative is the plain difference quotient. Keep :math:`k_{aw} T` below 1. By default it has
+    no limits and no integral action; without integral action (kI = 0) there is no anti-windup either.
     """
 
     source = "Åström and Hägglund, PID Controllers (1995), section 3.6"
@@ -152,12 +155,12 @@ class DiscretePID(Block):
     sampled = True
 
     period: float = _period()
-    kp: float = parameter(default=1.5, about="proportional gain")
-    ki: float = parameter(default=2.0, about="integral gain", unit="1/s")
+    kp: float = parameter(default=1.0, about="proportional gain")
+    ki: float = parameter(default=0.0, about="integral gain", unit="1/s")
     kd: float = parameter(default=0.0, about="derivative gain", unit="s")
     tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", at_least=0.0)
-    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
-    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
+    low: float = parameter(default=-math.inf, about="smallest output", unit="?u", finite=False)
+    high: float = parameter(default=math.inf, about="largest output", unit="?u", finite=False)
     kaw: float = parameter(default=2.0, about="rate of the anti-windup at a limit", unit="1/s", at_least=0.0)
 
     e = Input("reference minus measurement", unit="?e")
@@ -177,7 +180,7 @@ class DiscretePID(Block):
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         integral, derivative, unlimited = self._actions(x, u)
         excess = limited(self, unlimited) - unlimited
-        return dict(integral=integral + self.kaw * self.period * excess, derivative=derivative, last=u.e)
+        return dict(integral=integral + anti_windup(self) * self.period * excess, derivative=derivative, last=u.e)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=limited(self, self._actions(x, u)[2]))

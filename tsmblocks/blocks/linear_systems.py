@@ -60,9 +60,6 @@ def fraction_output(block: Any, t: Any, x: Any, u: Any) -> dict[str, Any]:
 def check_fraction(block: Any) -> None:
     """Raise ParameterError unless num/den is a proper fraction of two polynomials."""
     owner, num, den = type(block).__name__, block.num, block.den
-    for name in ("num", "den"):
-        if any(isinstance(number, tuple) for number in getattr(block, name)):
-            raise ParameterError(f"{owner}.{name} must be one list of numbers, such as [1, 0.5].")
     if not den or den[0] == 0:
         raise ParameterError(f"{owner}.den must begin with a number other than 0, got {in_words(den)}.")
     if not 1 <= len(num) <= len(den):
@@ -83,7 +80,7 @@ def output_equation(block: Any, t: Any, x: Any, u: Any) -> dict[str, Any]:
     """C x + D u, by the names of the outputs; a matrix that is not there is no path."""
     n = _sizes(block)[2]
     kept = [_dot(c, x) for c in block.C if c] or [0.0] * n
-    direct = [_dot(d, u) for d in block.D] or [0.0] * n
+    direct = [_dot(d, u) for d in _direct(block)] or [0.0] * n
     return dict(zip(block.outports, (c + d for c, d in zip(kept, direct, strict=True)), strict=True))
 
 
@@ -91,9 +88,15 @@ def _dot(row: Any, values: Any) -> Any:
     return sum(a * b for a, b in zip(row, values, strict=True))
 
 
+def _direct(block: Any) -> Rows:
+    """The direct matrix; without any matrix the signal passes unchanged."""
+    return block.D if block.A or block.B or block.C or block.D else ((1.0,),)
+
+
 def _sizes(block: Any) -> tuple[int, int, int]:
     """Numbers of states, inputs and outputs."""
-    return len(block.A), len((*block.B, *block.D, ())[0]), len(block.C or block.D)
+    direct = _direct(block)
+    return len(block.A), len((*block.B, *direct, ())[0]), len(block.C or direct)
 
 
 @property  # type: ignore[misc]
@@ -141,14 +144,16 @@ def check_matrices(block: Any) -> None:
     """Raise ParameterError unless A, B, C and D go together."""
     owner = type(block).__name__
     for name in "ABCD":
-        if not all(isinstance(row, tuple) for row in getattr(block, name)):
+        if not all(
+            isinstance(row, tuple) and not any(isinstance(v, tuple) for v in row) for row in getattr(block, name)
+        ):
             raise ParameterError(f"{owner}.{name} must be a list of rows, such as [[1, 0], [0, 1]].")
     n, inputs, outputs = _sizes(block)
-    if not inputs or not outputs:
-        raise ParameterError(f"{owner} needs at least one input (columns of B) and one output (rows of C).")
     if any(len(row) != n for row in block.A):
         lengths = ", ".join(str(len(row)) for row in block.A)
         raise ParameterError(f"{owner}.A must be square, got {n} row{'s' * (n > 1)} of length {lengths}.")
+    if not inputs or not outputs:
+        raise ParameterError(f"{owner} needs at least one input (columns of B) and one output (rows of C).")
     for name, rows, columns in (("B", n, inputs), ("C", outputs, n), ("D", outputs, inputs)):
         matrix = getattr(block, name)
         missing = not matrix and (not n or name == "D")

@@ -31,7 +31,7 @@ class TransferFunction(Block):
     symbol = "b(s)/a(s)"
 
     num: tuple[float, ...] = parameter(default=(1.0,), about="numerator")
-    den: tuple[float, ...] = parameter(default=(0.05, 1.0), about="denominator; its length sets the order")
+    den: tuple[float, ...] = parameter(default=(1.0,), about="denominator; its length sets the order")
     x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros", initial=True)
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
@@ -69,17 +69,18 @@ class ZeroPoleGain(Block):
         {\prod (s - p_i) \prod \left((s - c_j)^2 + d_j^2\right)}
 
     A conjugate pair is written as a row (real part, imaginary part). The block is a chain of
-    sections of first and second order, so that no polynomial is ever multiplied out.
+    sections of first and second order, so that no polynomial is ever multiplied out. Without zeros and poles it is a
+    gain.
     """
 
     source = "Åström and Murray, Feedback Systems, section 9.2 (zeros and poles)"
     symbol = "zpk"
 
-    zeros: tuple[float, ...] = parameter(default=(-10.0,), about="real zeros", unit="rad/s")
-    poles: tuple[float, ...] = parameter(default=(-20.0,), about="real poles", unit="rad/s")
+    zeros: tuple[float, ...] = parameter(default=(), about="real zeros; conjugate ones are zero_pairs", unit="rad/s")
+    poles: tuple[float, ...] = parameter(default=(), about="real poles; conjugate ones are pole_pairs", unit="rad/s")
     zero_pairs: systems.Rows = parameter(default=(), about="conjugate zeros, as rows (re, im)", unit="rad/s")
-    pole_pairs: systems.Rows = parameter(default=((-3.0, 4.0),), about="conjugate poles, likewise", unit="rad/s")
-    gain: float = parameter(default=50.0, about="factor in front of the fraction")
+    pole_pairs: systems.Rows = parameter(default=(), about="conjugate poles, likewise", unit="rad/s")
+    gain: float = parameter(default=1.0, about="factor in front of the fraction")
     x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros", initial=True)
     unit: str = option(default="", about=UNIT)
     unit_in: str = option(default="", about=UNIT_IN)
@@ -141,16 +142,16 @@ class StateSpace(Block):
     .. math:: \dot x = A x + B u, \qquad y = C x + D u
 
     Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more, unless they have
-    names of their own, such as ``"motor [V]"``. Without D no input reaches an output at the same instant. The default
-    is an oscillator of 10 rad/s.
+    names of their own, such as ``"motor [V]"``. Without D no input reaches an output at the same instant. Without
+    any matrix the signal passes unchanged.
     """
 
     source = "Åström and Murray, Feedback Systems, section 3.2"
     symbol = "A,B,C,D"
 
-    A: systems.Rows = parameter(default=((0.0, 1.0), (-100.0, -2.0)), about="state matrix, as rows")
-    B: systems.Rows = parameter(default=((0.0,), (100.0,)), about="input matrix, as rows")
-    C: systems.Rows = parameter(default=((1.0, 0.0),), about="output matrix, as rows")
+    A: systems.Rows = parameter(default=(), about="state matrix, as rows")
+    B: systems.Rows = parameter(default=(), about="input matrix, as rows")
+    C: systems.Rows = parameter(default=(), about="output matrix, as rows")
     D: systems.Rows = parameter(default=(), about="direct matrix, as rows; an empty list means none")
     x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros", initial=True)
     input_names: tuple[str, ...] = systems.names_of("inputs", "u, or u1, u2, …")

@@ -27,6 +27,11 @@ def check_increasing(block: Any, name: str) -> None:
             raise ParameterError(f"{type(block).__name__}.{name} must increase, but {places}.")
 
 
+def anti_windup(block: Any) -> Any:
+    """Rate of the anti-windup of a controller: none without integral action, which it would otherwise bring in."""
+    return ca.if_else(ca.fabs(block.ki) > 0.0, block.kaw, 0.0)
+
+
 def limited(block: Any, value: Any) -> Any:
     """A value within the limits of a block."""
     return ca.fmin(ca.fmax(value, block.low), block.high)

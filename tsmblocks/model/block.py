@@ -16,6 +16,7 @@ from tsmblocks.common.errors import BlockError, EquationError, ParameterError, i
 from tsmblocks.common.units import UnitError, parse
 from tsmblocks.common.views import view
 from tsmblocks.model.fields import (
+    FLAT_LIST,
     Field,
     Input,
     Output,
@@ -355,7 +356,11 @@ def block(target: B | None = None, *, register: bool = True) -> Any:
     ports = {k: v for k, v in vars(target).items() if isinstance(v, (Input, Output, Tape, Past))}
     cls: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(target)
     cls._declared = ports
-    cls._fields = {a.name: a.metadata["tsm"] for a in attrs.fields(cls) if "tsm" in a.metadata}
+    cls._fields = {
+        a.name: attrs.evolve(a.metadata["tsm"], flat=str(a.type) == FLAT_LIST)
+        for a in attrs.fields(cls)
+        if "tsm" in a.metadata
+    }
     _check_declarations(cls)
     cls.__init__ = _by_name_only(cls.__init__, cls)
     cls.__setattr__ = _refuse_change

@@ -137,9 +137,16 @@ class Samples:
     hold: str = "auto"
 
 
+FLAT_LIST = "tuple[float, ...]"
+"""Annotation of a parameter that is one list of numbers."""
+
+
 @attrs.frozen
 class Field:
-    """The declaration of one field of a block, with the arguments of ``parameter`` and ``option``."""
+    """The declaration of one field of a block, with the arguments of ``parameter`` and ``option``.
+
+    A tuple that is ``flat`` holds numbers alone, and no rows of them: its annotation is ``FLAT_LIST``.
+    """
 
     kind: str  # "parameter", "option" or "state"
     about: str
@@ -153,6 +160,7 @@ class Field:
     default: Any = None
     known: bool = False
     initial: bool = False
+    flat: bool = False
 
     @property
     def low(self) -> float:
@@ -371,6 +379,8 @@ def _fault(name: str, field: Field, value: Any) -> str:
     if isinstance(value, tuple) != (wanted is tuple):
         words = "a list of numbers" if wanted is tuple else "a number"
         return f"{name} must be {words}, got {in_words(value)}."
+    if field.flat and any(isinstance(one, tuple) for one in value):
+        return f"{name} must be one list of numbers, such as [1, 0.5], got {in_words(value)}."
     faults = (_number_fault(leaf, field, number) for leaf, number in leaves(value, name) if not is_reference(number))
     return next(filter(None, faults), "")
 

@@ -83,7 +83,7 @@ def page(cls: type[Block], family: list[str]) -> str:
         rst.html(uses.linked_picture(made)),
         rst.html(_charts(cls)),
         _ports(block),
-        _numbers(block, examples.snake(name)),
+        _numbers(block, shown, examples.snake(name)),
         _states(shown),
         _behaviour(shown),
         _computed(block, shown),
@@ -121,7 +121,8 @@ def _ports(block: Block) -> str:
     return rst.page(rst.section("Ports", ("Port", "", "Unit", "Meaning"), rows, (16, 14, 14, 56)), letters)
 
 
-def _numbers(block: Block, label: str) -> str:
+def _numbers(block: Block, shown: Block, label: str) -> str:
+    """The fields of a block; ``shown`` is the one of the example, with values in each list."""
     parts = []
     for kind in ("parameter", "option"):
         rows = [
@@ -133,7 +134,7 @@ def _numbers(block: Block, label: str) -> str:
             continue
         words = "They shape the equations, and cannot be fitted."
         if kind == "parameter":
-            named = next(leaf for key, value in block.parameters.items() for leaf, _ in leaves(value, key))
+            named = next(leaf for key, value in shown.parameters.items() for leaf, _ in leaves(value, key))
             words = (
                 "They stay symbols until the run: they can be set, swept, fitted and "
                 f"differentiated, each by its name, as ``{label}.{named}`` in the example below."
