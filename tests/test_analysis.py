@@ -1,5 +1,7 @@
 """Points, linear models and frequency responses against python-control, closed forms and describing functions."""
 
+import math
+
 import attrs
 import control
 import numpy as np
@@ -399,7 +401,10 @@ def test_names_that_would_be_one_stay_apart():
 REFUSED = {
     "no input": (lambda: linearize(pi_loop(), inputs=["q"]), "diagram 'pi' has no input 'q'. Known here: r."),
     "no signal": (lambda: linearize(pi_loop(), outputs="g.z"), "diagram 'pi' has no signal 'g.z'. Did you mean 'g.y'?"),
-    "no point": (lambda: linearize(pi_loop(), at={"r": 1}), "at must be a point that trim returned, got {'r': 1}."),
+    "no point": (
+        lambda: linearize(pi_loop(), at={"r": 1}),
+        "at must be a point that trim returned, or a run, got {'r': 1}.",
+    ),
     "samples": (
         lambda: trim(line(UnitDelay(period=0.1))),
         "b of 'line' acts at instants of its own (samples, or "
@@ -510,3 +515,99 @@ def test_a_point_is_shown_with_units():
         "input",
         "u                0  V",
     ]
+
+
+# ---- operating points of loops, and what may be chosen for an equilibrium ----------------------------------
+
+
+def limited_loop(time=0.0, gain=200.0):
+    """A motor under a proportional controller whose drive is at its limit as a step begins."""
+    blocks = {
+        "r": tsm.blocks.Step(time=time),
+        "e": Sum(signs="+-"),
+        "k": Gain(gain=gain),
+        "drive": tsm.blocks.Saturation(low=-24.0, high=24.0),
+        "motor": MotorTransferFunction(),
+    }
+    wires = ["r -> e.plus", "e -> k -> drive -> motor", "motor.y -> e.minus"]
+    return tsm.Diagram(title="loop", blocks=blocks, wires=wires, outputs={"y": "motor.y", "u": "drive"})
+
+
+def true_phase_margin(gain=200.0):
+    motor = MotorTransferFunction()
+    return control.margin(gain * control.tf([motor.K], [motor.tau, 1.0, 0.0]))[1]
+
+
+def test_a_loop_at_a_limit_is_open_and_says_so():
+    loop = limited_loop()
+    with pytest.warns(tsm.analysis.OperatingPointWarning, match=r"no small change passes drive\.y \(24\)"):
+        loop_gain(loop, "k -> drive")
+    with pytest.raises(RunError, match=r"open at the initial states.*point=tsm\.trim"):
+        tsm.analysis.margins(loop, "k -> drive")
+    begins_later = limited_loop(time=1.0)  # at rest until then
+    assert tsm.analysis.margins(begins_later, "k -> drive").phase == pytest.approx(true_phase_margin())
+
+
+def test_the_end_of_a_run_and_an_equilibrium_are_operating_points_of_a_loop():
+    loop = limited_loop()
+    for point in (
+        tsm.simulate(loop, stop=4.0),
+        tsm.simulate(loop, stop=4.0, log="outputs"),
+        trim(loop, start={"motor.angle": 0.9}),
+    ):
+        found = tsm.analysis.margins(loop, "k -> drive", point=point)
+        assert found.phase == pytest.approx(true_phase_margin(), rel=1e-6)
+        assert found.gain == math.inf
+        assert "gain margin none" in str(found)
+
+
+def test_the_inputs_of_a_run_belong_to_its_operating_point():
+    loop = limited_loop().rewire(cut=["r -> e.plus"], inputs={"w": "e.plus"})
+    run = tsm.simulate(loop, inputs={"w": 1.0}, stop=0.01)
+    assert tsm.analysis.margins(loop, "k", point=tsm.simulate(loop, inputs={"w": 1.0}, stop=4.0)).phase > 10
+    with pytest.raises(RunError, match="the loop is open at this point"):
+        tsm.analysis.margins(loop, "k", point=run)
+
+
+def test_a_gain_margin_where_only_rounding_crosses_the_axis_is_none():
+    """A third-order lag of relative degree one never turns by 180 deg; python-control may find a crossing at 1e15."""
+    blocks = {"e": Sum(signs="+-"), "g": tsm.blocks.TransferFunction(num=[1.0, 3.0, 2.1], den=[1.0, 3.5, 3.5, 1.0])}
+    loop = tsm.Diagram(
+        title="lag", blocks=blocks, wires=["e -> g -> e.minus"], inputs={"r": "e.plus"}, outputs={"y": "g"}
+    )
+    assert tsm.analysis.margins(loop, "g").gain == math.inf
+
+
+def test_a_state_is_held_and_a_parameter_freed_for_an_equilibrium():
+    """A mass on a spring: at a given deflection the force, or the stiffness, follows in closed form."""
+    blocks = {
+        "f": tsm.blocks.Constant(value=3.0),
+        "net": Sum(signs="+--"),
+        "v": tsm.blocks.Integrator(gain=0.5),
+        "x": tsm.blocks.Integrator(),
+        "spring": Gain(gain=7.0),
+        "damper": Gain(gain=0.3),
+    }
+    wires = ["f -> net.plus", "net -> v -> x -> spring -> net.minus1", "v -> damper -> net.minus2"]
+    d = tsm.Diagram(title="mass", blocks=blocks, wires=wires, outputs={"x": "x"})
+    assert trim(d)["x.integral"] == pytest.approx(3.0 / 7.0)
+    point = trim(d, at={"x.integral": 0.5}, free=["spring.gain"])
+    assert point["x.integral"] == 0.5
+    assert point["spring.gain"] == pytest.approx(6.0, rel=1e-12)
+    assert point.parameters == {"spring.gain": point["spring.gain"]}
+    assert trim(d, outputs={"x": 0.25}, free=["f.value"])["f.value"] == pytest.approx(7.0 / 4.0)
+    poles = linearize(d.rewire(inputs={"w": "net.plus"}, cut=["f -> net.plus"]), at=None).poles()
+    assert poles.imag.max() > 0
+    with pytest.raises(RunError, match=r"no input is free|No input is free"):
+        trim(d, at={"x.integral": 0.5})
+    with pytest.raises(RunError, match=r"at: 'mass' has no state 'x\.integrall'\. Did you mean 'x\.integral'"):
+        trim(d, at={"x.integrall": 0.5})
+    with pytest.raises(RunError, match=r"free: 'mass' has no parameter 'spring\.gian'"):
+        trim(d, free=["spring.gian"])
+
+
+def test_a_linear_model_at_a_point_has_the_parameters_that_were_freed():
+    diagram = line(tsm.blocks.FirstOrderLag(gain=2.0, time_constant=0.5))
+    point = trim(diagram, inputs={"u": 1.5}, outputs={"y": 6.0}, free=["b.gain"])
+    assert point["b.gain"] == pytest.approx(4.0)
+    assert linearize(diagram, at=point).dcgain() == pytest.approx(4.0)

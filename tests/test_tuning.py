@@ -1,6 +1,8 @@
 """Tuning against optima known by hand, slopes against differences, and what cannot be tuned."""
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -26,9 +28,10 @@ from tsmblocks.blocks import (
 )
 from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.metrics.metrics import metric
+from tsmblocks.simulation.arguments import RunOptions
 from tsmblocks.studies import table
 from tsmblocks.tuning import tune
-from tsmblocks.tuning.constraints import limit
+from tsmblocks.tuning.constraints import POINTS, limit
 from tsmblocks.tuning.smooth_metrics import SMOOTH_REDUCTIONS, differentiable
 
 SLOW_NEEDS = ["tuning", "analysis", "blocks"]
@@ -186,6 +189,7 @@ def test_margins_are_kept(starts):
     assert found.met
     assert margin[1] == pytest.approx(50, abs=1.0)
     assert found.after["loop"]["phase_margin('pid -> g')"] == pytest.approx(margin[1])
+    assert re.search(r"gain_margin\('pid'\), at least 3 .*\nloop +none +none", str(found))
     assert found.after["loop"]["gain_margin('pid')"] == 1000.0  # a second-order plant with PI never crosses -180 deg
     assert free_of_it.worst[1] < found.worst[1] < found.worst[0]
 
@@ -645,3 +649,45 @@ def test_limits_that_hold_only_where_gains_are_next_to_off_are_met(kp):
     meets = (by_hand["over"] <= 0.02) & (by_hand["volts"] <= 9.9)
     assert 0 < meets.sum() < len(meets)
     assert found.worst[1] < 1.001 * by_hand["goal"][meets].min()
+
+
+# ---- margins where the loop is at work -----------------------------------------------------------------
+
+
+def drive_loop(gain=200.0):
+    """A step at the very start brings the drive to its limit: there the linear loop is open."""
+    blocks = {
+        "r": Step(time=0.0),
+        "e": Sum(signs="+-"),
+        "k": Gain(gain=gain),
+        "drive": tsm.blocks.Saturation(low=-24.0, high=24.0),
+        "motor": tsm.blocks.MotorTransferFunction(),
+    }
+    wires = ["r -> e.plus", "e -> k -> drive -> motor", "motor.y -> e.minus"]
+    return tsm.Diagram(title="loop", blocks=blocks, wires=wires, outputs={"y": "motor.y", "e": "e", "u": "drive"})
+
+
+def test_margins_are_those_of_the_loop_at_work():
+    """Taken at the start, where the drive is at its limit, the margin would be 180 deg and any limit met."""
+    asked = dict(subject_to="phase_margin('k -> drive') >= 45", stop=2.0, step=2e-3, starts=1)
+    found = tsm.tune(drive_loop(), {"k.gain": (1.0, 400.0)}, "rms(e)", **asked)
+    import control
+
+    motor = tsm.blocks.MotorTransferFunction()
+    true = control.margin(found.values["k.gain"] * control.tf([motor.K], [motor.tau, 1.0, 0.0]))[1]
+    assert found.met
+    assert true == pytest.approx(45.0, abs=0.2)
+    name = "phase_margin('k -> drive')"
+    assert found.after["loop"][name] == pytest.approx(true, rel=1e-6)
+    assert found.before["loop"][name] == pytest.approx(20.04, abs=0.01)
+
+
+def test_the_point_of_a_margin_is_stated_in_its_limit():
+    loop, options = drive_loop(), RunOptions(stop=2.0, step=2e-3)
+    taken = {p: limit(f"phase_margin('k', point='{p}') >= 45", {}, loop).margin_of(loop, options) for p in POINTS}
+    assert taken["end"] == pytest.approx(20.04, abs=0.01)
+    assert taken["trim"] == pytest.approx(taken["end"])
+    assert taken["start"] == 0.0  # at a limit there is no margin
+    assert limit("gain_margin('k', point='start') >= 2", {}, loop).margin_of(loop, options) == 1.0
+    with pytest.raises(ParameterError, match=r"point is 'tirm', which is not a choice\. Did you mean 'trim'"):
+        limit("phase_margin('k', point='tirm') >= 45", {}, loop)

@@ -1,4 +1,4 @@
-"""Linear models of diagrams as python-control state spaces, and loops opened at a wire."""
+"""Linear models of diagrams as python-control state spaces."""
 
 from __future__ import annotations
 
@@ -11,18 +11,16 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.analysis.discrete_time import sampled_model
-from tsmblocks.analysis.operating_point import LocalEquations, Point, evaluated, local_equations, point_at
+from tsmblocks.analysis.operating_point import LocalEquations, Point, evaluated, local_equations
 from tsmblocks.blocks import Encoder, Gain, Quantiser
 from tsmblocks.common.arguments import as_integer, as_list, as_number
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.tables import unique_names
 from tsmblocks.engine.equations import Equations
-from tsmblocks.model.diagram import Diagram, Inlet
-from tsmblocks.model.wires import Fault, Link, fault_sentence, parse_chain, resolve
+from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
+from tsmblocks.simulation.run import Run
 
-CUT_INPUT, CUT_OUTPUT = "cut", "back"
-"""Names of the input and the output of an opened loop."""
 NO_DIRECT_EFFECT = 1e-12
 """Direct effect of an input's derivative on an output, as a share of the largest entry, that is rounding. Chosen."""
 
@@ -32,7 +30,7 @@ def linearize(
     *,
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
-    at: Point | None = None,
+    at: Point | Run | None = None,
     t: float = 0.0,
     pade: int | None = None,
 ) -> Any:
@@ -53,8 +51,9 @@ def linearize(
         Inputs of the diagram. By default all of them.
     outputs : list of str, optional
         Signals of the diagram. By default its outputs.
-    at : Point, optional
-        An operating point, from ``trim``. By default the initial states with inputs at zero.
+    at : Point or Run, optional
+        An operating point, from ``trim``, or a run, whose last instant it is. By default the initial states with inputs
+        at zero.
     t : float, default 0.0
         Time in s, where ``at`` is not given.
     pade : int, optional
@@ -82,7 +81,7 @@ def linearize(
     """
     import control
 
-    here, x = _equations_at("at", at, _without_rounding(as_diagram(diagram)), as_number("t", t))
+    here, x = equations_at("at", at, without_rounding(as_diagram(diagram)), as_number("t", t))
     eq = here.eq
     if not here.inputs:
         remedy = "add one, or open a loop (analysis.opened, analysis.loop_gain)"
@@ -100,175 +99,56 @@ def linearize(
     return control.ss(system, states=_labels(states), inputs=_labels(names), outputs=_labels(shown))
 
 
-def _equations_at(
-    what: str, point: Point | None, diagram: Diagram, t: float = 0.0
+def equations_at(
+    what: str, point: Point | Run | None, diagram: Diagram, t: float = 0.0
 ) -> tuple[LocalEquations, np.ndarray]:
     """The equations at a point (the argument ``what``) and its states; by default the initial states, inputs zero."""
     if point is None:
         here = local_equations(diagram, {}, t, sampled=True)
         return here, here.x
+    if isinstance(point, Run):
+        point = end_of_run(point, diagram)
     if not isinstance(point, Point):
-        raise RunError(f"{what} must be a point that trim returned, got {in_words(point)}.")
+        raise RunError(f"{what} must be a point that trim returned, or a run, got {in_words(point)}.")
+    if point.parameters:
+        diagram = diagram.with_parameters(point.parameters)
     here = local_equations(diagram, point.inputs, point.t, sampled=True)
     missing = [k for k in here.eq.x if k not in point.states]
     if missing:
         raise RunError(f"the point is one of '{point.title}': it has no '{missing[0]}', as '{here.eq.title}' has.")
-    return here, np.array([point.states[k] for k in here.eq.x])
+    d = np.array([point.memory.get(name, own) for name, own in zip(here.eq.d, here.d, strict=True)])
+    return attrs.evolve(here, d=d), np.array([point.states[k] for k in here.eq.x])
 
 
-def loop_gain(diagram: Diagram, at: str, *, point: Point | None = None, pade: int | None = None) -> Any:
-    """The transfer of a loop opened at a wire, :math:`L`, for stability margins.
-
-    The sign is that of negative feedback: the closed loop is :math:`1/(1 + L)`, and ``control.margin(L)`` gives its
-    margins. At a kink the mean of both sides is taken: set to zero the parameters for which margins should not hold. A
-    loop with sampled blocks is opened where it enters or leaves the slowest one; its transfer is in discrete time.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        The closed loop.
-    at : str
-        A wire (``"controller -> drive"``) or a signal (``"drive.y"``, all its wires).
-    point : Point, optional
-        An operating point of the closed loop. By default its initial states.
-    pade : int, optional
-        Order of the Padé approximations of transport delays; needed where there are any.
-
-    Returns
-    -------
-    control.StateSpace
-        From ``cut``, the signal on the wire, to ``back``, the returned signal with its sign changed; states that are
-        not on this path are left out.
-
-    Raises
-    ------
-    RunError
-        For a wire that is in no loop, and as for ``linearize``.
-
-    Examples
-    --------
-    >>> import control, tsmblocks as tsm
-    >>> from tsmblocks.analysis import loop_gain
-    >>> from tsmblocks.blocks import Gain, Integrator
-    >>> parts = {"integrator": Integrator(), "gain": Gain(gain=-2.0)}
-    >>> loop = tsm.Diagram(blocks=parts, wires=["integrator -> gain -> integrator"], outputs={"y": "integrator"})
-    >>> L = loop_gain(loop, "gain -> integrator")
-    >>> print(f"{control.margin(L)[1]:.1f} deg at {control.margin(L)[3]:.1f} rad/s")
-    90.0 deg at 2.0 rad/s
-    """
-    diagram = as_diagram(diagram)
-    cut, links = _without_rounding(opened(diagram, at)), _links(diagram, at)
-    if not _is_loop(diagram, links):
-        raise RunError(f"at='{at}': this wire is in no loop, so there is nothing to open.")
-    outputs = {**diagram.outputs, CUT_OUTPUT: ".".join(links[0].source)}
-    closed, x = _equations_at("point", point, _without_rounding(diagram).rewire(outputs=outputs))
-    whole_point = point_at(closed, x, closed.u[closed.places])
-    inputs = {**whole_point.inputs, CUT_INPUT: whole_point.signals[CUT_OUTPUT]}
-    if closed.eq.periods:
-        _check_closure(local_equations(cut, inputs, whole_point.t, sampled=True), closed, x, at)
-    there = attrs.evolve(whole_point, inputs=inputs)
-    return _loop_transfer(linearize(cut, inputs=[CUT_INPUT], outputs=[CUT_OUTPUT], at=there, pade=pade))
+def end_of_run(run: Run, diagram: Diagram) -> Point:
+    """The last instant of a run as a point. Raises RunError where the run does not know it."""
+    if run.state is None or run.state.diverged_at is not None:
+        raise RunError(f"the run of '{run.title}' has no last instant at which it could be linearised.")
+    missing = [name for name in diagram.inputs if name not in run]
+    if missing:
+        raise RunError(f"the run of '{run.title}' did not keep its input '{missing[0]}'. Run it with log='all'.")
+    memory, names = run.state.memory, run.state.names
+    states, rest = names[: len(memory.x)], names[len(memory.x) :]
+    return Point(
+        run.title,
+        run.state.t,
+        dict(zip(states, memory.x.tolist(), strict=True)),
+        {name: float(run[name][-1]) for name in diagram.inputs},
+        {},
+        {},
+        run.units,
+        dict(zip(rest, memory.d.tolist(), strict=False)),
+    )
 
 
-def _check_closure(cut: LocalEquations, closed: LocalEquations, x: np.ndarray, at: str) -> None:
-    """Raise RunError where the loop, closed over a signal held between samples, differs from the diagram's."""
-    model = sampled_model(cut, x, [CUT_INPUT], [CUT_OUTPUT])
-    if not model.closes_to(sampled_model(closed, x, [], [])):
-        raise RunError(
-            f"at='{at}': the signal on this wire matters, and changes, between the instants at which all "
-            f"samples of '{closed.eq.title}' coincide ({model.dt:g} s apart). Open the loop where it "
-            "enters or leaves the slowest sampled block."
-        )
-
-
-def _without_rounding(diagram: Diagram) -> Diagram:
+def without_rounding(diagram: Diagram) -> Diagram:
     """The diagram with encoders and quantisers replaced by a gain of 1, their mean effect."""
     for name, block in diagram.blocks.items():
         if isinstance(block, (Encoder, Quantiser)):
             diagram = diagram.replace(name, Gain(unit=block.outports["y"].unit.removeprefix("?u")))
-        elif isinstance(block, Diagram) and (inner := _without_rounding(block)) is not block:
+        elif isinstance(block, Diagram) and (inner := without_rounding(block)) is not block:
             diagram = diagram.replace(name, inner)
     return diagram
-
-
-def _loop_transfer(system: Any) -> Any:
-    """The returned signal with its sign changed, without uncontrollable or unobservable states."""
-    import control
-
-    A, B, C = (np.asarray(part) != 0 for part in (system.A, system.B, system.C))
-    reached, seen = B.any(axis=1), C.any(axis=0)
-    for _ in range(len(A)):
-        reached, seen = reached | (A & reached[None, :]).any(axis=1), seen | (A & seen[:, None]).any(axis=0)
-    kept = np.flatnonzero(reached & seen)
-    states = [system.state_labels[k] for k in kept] or None
-    C, D = 0.0 - system.C[:, kept], 0.0 - system.D  # avoids -0.0 in prints
-    model = control.ss(system.A[np.ix_(kept, kept)], system.B[kept], C, D, system.dt, states=states)
-    return control.ss(model, inputs=system.input_labels, outputs=system.output_labels)
-
-
-def opened(diagram: Diagram, at: str) -> Diagram:
-    """The diagram with a loop cut at a wire.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        The closed loop.
-    at : str
-        A wire or a signal, as for ``loop_gain``.
-
-    Returns
-    -------
-    Diagram
-        The signal on the wire is its output ``back``, and the former targets of the wire get its input ``cut``.
-
-    Raises
-    ------
-    RunError
-        Where there is no such wire, or an input ``cut`` or an output ``back`` already.
-    """
-    diagram = as_diagram(diagram)
-    links = _links(diagram, at)
-    source = ".".join(links[0].source)
-    for what, name, known in (("input", CUT_INPUT, diagram.inputs), ("output", CUT_OUTPUT, diagram.outputs)):
-        if name in known:
-            raise RunError(f"'{diagram.title}' has an {what} '{name}' already.")
-    ports = [".".join(link.target) for link in links]
-    return diagram.rewire(
-        cut=[f"{source} -> {port}" for port in ports],
-        inputs={**diagram.inputs, CUT_INPUT: Inlet(ports, diagram.unit(source))},
-        outputs={**diagram.outputs, CUT_OUTPUT: source},
-    )
-
-
-def _is_loop(diagram: Diagram, links: list[Link]) -> bool:
-    """Whether a path along the wires leads from the targets of these back to their source."""
-    reached, fresh = set[str](), {link.target[0] for link in links}
-    while fresh:
-        reached |= fresh
-        fresh = {link.target[0] for link in diagram.links if link.source[0] in fresh} - reached
-    return links[0].source[0] in reached
-
-
-def _links(diagram: Diagram, at: str) -> list[Link]:
-    """The wires that a text means: one, or all from a signal."""
-    if not isinstance(at, str):
-        raise RunError(f"at is a wire such as 'controller -> drive', or a signal, got {in_words(at)}.")
-    if "->" in at:
-        links, faults = parse_chain(at, diagram.blocks)
-        missing = [str(link) for link in links if link not in diagram.links]
-        if missing:
-            raise RunError(f"at='{at}': there is no wire '{missing[0]}'.{near(missing[0], map(str, diagram.links))}")
-        if faults or len({link.source for link in links}) != 1:
-            raise RunError(f"at='{at}': {faults[0] if faults else 'one wire is wanted.'}")
-        return [link for link in diagram.links if link in links]
-    try:
-        source = resolve(at, diagram.blocks, "output")
-    except Fault as fault:
-        raise RunError(fault_sentence(f"at='{at}'", fault)) from None
-    links = [link for link in diagram.links if link.source == source]
-    if not links:
-        raise RunError(f"at='{at}': no wire begins there, so there is nothing to open.")
-    return links
 
 
 def _chosen(

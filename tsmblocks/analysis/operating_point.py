@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.common.arguments import as_number
+from tsmblocks.common.arguments import as_list, as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.tables import columns
 from tsmblocks.engine.equations import DELAY_SAMPLES, Equations, function_values
@@ -48,6 +48,10 @@ class Point:
         Time derivatives of the states, per s.
     units : dict of str to str, optional
         Unit labels of signals.
+    memory : dict of str to float, optional
+        Memory of sampled blocks and their held outputs, by name; what is not given is as at the start.
+    parameters : dict of str to float, optional
+        Parameters that ``trim`` was free to choose.
     """
 
     title: str
@@ -57,13 +61,16 @@ class Point:
     signals: Mapping[str, float] = attrs.field(repr=False)
     rates: Mapping[str, float] = attrs.field(repr=False)
     units: Mapping[str, str] = attrs.field(factory=dict, repr=False)
+    memory: Mapping[str, float] = attrs.field(factory=dict, repr=False)
+    parameters: Mapping[str, float] = attrs.field(factory=dict, repr=False)
 
     def __getitem__(self, name: str) -> float:
         """A state, input or signal by name. Raises RunError with the near miss."""
-        for side in (self.signals, self.states, self.inputs):
+        sides = (self.signals, self.states, self.inputs, self.parameters)
+        for side in sides:
             if name in side:
                 return side[name]
-        raise RunError(f"the point has no '{name}'.{near(name, [*self.signals, *self.states, *self.inputs])}")
+        raise RunError(f"the point has no '{name}'.{near(name, [known for side in sides for known in side])}")
 
     def __iter__(self) -> Iterator[str]:
         return iter([*self.states, *self.inputs])
@@ -73,6 +80,7 @@ class Point:
             return [(k, f"{v:.6g}", self.units.get(k, "")) for k, v in side.items()]
 
         rows = [("state", "value", "unit"), *listed(self.states), ("input", "", ""), *listed(self.inputs)]
+        rows += [("parameter", "", ""), *listed(self.parameters)] if self.parameters else []
         return f"{self.title} at t = {self.t:g} s\n{columns(rows, left=(0, 2))}"
 
 
@@ -161,7 +169,7 @@ def local_equations(
 
 def point_at(here: LocalEquations, x: np.ndarray, u: np.ndarray) -> Point:
     """A point from the values of states and inputs."""
-    dx, y = (np.asarray(ca.DM(part), dtype=float).ravel() for part in _at_rest(here, x, u))
+    dx, y = (np.asarray(ca.DM(part), dtype=float).ravel() for part in _at_rest(here, x, u, here.p))
     eq = here.eq
     signals = dict(zip(eq.y, y.tolist(), strict=True))
     signals |= {name: signals[signal] for name, signal in eq.aliases.items()}
@@ -176,14 +184,14 @@ def point_at(here: LocalEquations, x: np.ndarray, u: np.ndarray) -> Point:
     )
 
 
-def _at_rest(here: LocalEquations, x: Any, u: Any) -> list[Any]:
-    """``(dx, y)`` with these values of the diagram's inputs, the outputs of delays being their inputs."""
+def _at_rest(here: LocalEquations, x: Any, u: Any, p: Any) -> list[Any]:
+    """``(dx, y)`` with these inputs of the diagram and parameters, the outputs of delays being their inputs."""
     eq = here.eq
     sampled = [ca.SX(float(v)) for v in here.u]
     for k, place in enumerate(here.places):
         sampled[place] = u[k]
     w, still = ca.SX.sym("w", len(eq.q)), ca.SX.zeros(len(eq.q))
-    given = (here.t, x, ca.SX(ca.DM(here.d)), ca.SX(ca.vertcat(*sampled)), here.p)
+    given = (here.t, x, ca.SX(ca.DM(here.d)), ca.SX(ca.vertcat(*sampled)), p)
     dx, y, s = evaluated(eq, *given, w, still)
     if not eq.q:
         return [dx, y]
@@ -199,6 +207,8 @@ def trim(
     *,
     inputs: Mapping[str, float] | None = None,
     outputs: Mapping[str, float] | None = None,
+    at: Mapping[str, float] | None = None,
+    free: Sequence[str] = (),
     start: Mapping[str, float] | None = None,
     t: float = 0.0,
 ) -> Point:
@@ -214,8 +224,13 @@ def trim(
         Inputs that are held at a value, in their unit; the others are determined by ``outputs``, zero without them.
     outputs : dict of str to float, optional
         Signals and the values they should have, in their unit.
+    at : dict of str to float, optional
+        States that are held at a value, in their unit.
+    free : list of str, optional
+        Parameters that may be chosen so that there is an equilibrium; ``point.parameters`` has their values.
     start : dict of str to float, optional
-        States and free inputs at which the search starts. By default the initial states, and zero.
+        States, free inputs and free parameters at which the search starts. By default the initial states, zero, and the
+        diagram's own parameters.
     t : float, default 0.0
         Time in s at which sources are evaluated.
 
@@ -231,6 +246,8 @@ def trim(
         of their own, and for unknown names.
     DataError
         For a value that is no finite number.
+    ParameterError
+        Where a free parameter would have to leave its bounds.
 
     Examples
     --------
@@ -244,50 +261,92 @@ def trim(
     2.0
     """
     diagram, given = as_diagram(diagram), as_inputs(inputs)
-    for name, values in (("outputs", outputs), ("start", start)):
+    for name, values in (("outputs", outputs), ("at", at), ("start", start)):
         if values is not None and not isinstance(values, Mapping):
             raise RunError(f"{name} must map names to numbers, got {in_words(values)}.")
     wanted = dict(outputs or {})
     here = local_equations(
         diagram, {k: as_number(f"input '{k}'", v, DataError) for k, v in given.items()}, as_number("t", t)
     )
-    free = [name for name in here.inputs if name not in given] if wanted else []
-    begin = _initial_guess(here, start or {}, free)
-    conditions, names = _conditions(here, wanted, free)
-    z = _nearest_root(conditions, begin, len(names))
-    residual, J, u = (np.asarray(part, dtype=float) for part in conditions(z))
+    inputs_free = [name for name in here.inputs if name not in given] if wanted or at else []
+    unknowns = _unknowns(here, at or {}, inputs_free, as_list(free))
+    conditions, names = _conditions(here, wanted, unknowns)
+    z = _nearest_root(conditions, unknowns.guess(start or {}), len(names))
+    residual, J, x, u, p = (np.asarray(part, dtype=float) for part in conditions(z))
     error = np.abs(residual.ravel())
     size = RATE_TOLERANCE * (np.abs(J) @ np.abs(z)) + ABSOLUTE_TOLERANCE  # of the terms that make up each row
     worst = int(np.argmax(error / size)) if names else 0
     if names and not error[worst] <= size[worst]:
         advice = "Start elsewhere (start={…}), or choose an instant when no source drives it (t=…)."
-        if wanted and not free:
-            advice = "No input is free to bring the outputs there: leave one out of inputs."
+        if (wanted or at) and not inputs_free and not free:
+            advice = "No input is free to bring it there: leave one out of inputs, or free a parameter (free=[…])."
         off = f"{names[worst]} is {error[worst]:.3g} off"
         raise RunError(f"'{diagram.title}' has no equilibrium here: {off}. {advice}")
-    return point_at(here, z[: len(here.x)], u.ravel())
+    chosen = {name: p.item(here.eq.p.index(name)) for name in unknowns.parameters}
+    diagram.with_parameters(chosen)  # refuses what is out of bounds
+    found = point_at(attrs.evolve(here, p=p.ravel()), x.ravel(), u.ravel())
+    return attrs.evolve(found, parameters=chosen)
 
 
-def _initial_guess(here: LocalEquations, start: Mapping[str, float], free: list[str]) -> np.ndarray:
-    """The states, then the free inputs, at which the search starts. Raises RunError for an unknown name."""
-    known = [*here.eq.x, *free]
-    for name, value in start.items():
-        as_number(f"start: '{name}'", value, DataError)
-        if name not in known:
-            raise RunError(f"start: there is no state or free input '{name}'.{near(name, known)}")
-    own = [*here.x, *np.zeros(len(free))]
-    return np.array([float(start.get(name, v)) for name, v in zip(known, own, strict=True)])
+@attrs.frozen
+class _Unknowns:
+    """What a search may choose: states, inputs and parameters by name, with their own values; ``held`` states not."""
+
+    eq: Equations
+    held: Mapping[str, float]
+    states: Mapping[str, float]
+    inputs: Mapping[str, float]
+    parameters: Mapping[str, float]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of all of them."""
+        return {**self.states, **self.inputs, **self.parameters}
+
+    def guess(self, start: Mapping[str, float]) -> np.ndarray:
+        """Where the search starts. Raises RunError for an unknown name."""
+        known = self.values
+        for name, value in start.items():
+            as_number(f"start: '{name}'", value, DataError)
+            if name not in known:
+                raise RunError(f"start: there is no state or free input '{name}'.{near(name, known)}")
+        return np.array([float(start.get(name, v)) for name, v in known.items()])
 
 
-def _conditions(here: LocalEquations, wanted: Mapping[str, float], free: list[str]) -> tuple[Any, list[str]]:
-    """Residuals, their Jacobian and all inputs as a function of states and free inputs; names of the residuals."""
-    eq, count = here.eq, len(here.x)
-    z = ca.SX.sym("z", count + len(free))
-    u = [
-        z[count + free.index(name)] if name in free else ca.SX(float(here.u[place]))
-        for name, place in zip(here.inputs, here.places, strict=True)
-    ]
-    dx, y = _at_rest(here, z[:count], u)
+def _unknowns(
+    here: LocalEquations, held: Mapping[str, float], inputs: Sequence[str], parameters: Sequence[str]
+) -> _Unknowns:
+    """The unknowns of a search. Raises RunError for an unknown state or parameter."""
+    eq = here.eq
+    for name in held:
+        if name not in eq.x:
+            raise RunError(f"at: '{eq.title}' has no state '{name}'.{near(name, eq.x)}")
+    for name in parameters:
+        if name in eq.x:
+            raise RunError(f"free: '{name}' is a state, which is found anyway; parameters are freed.")
+        if name not in eq.p:
+            raise RunError(f"free: '{eq.title}' has no parameter '{name}'.{near(name, eq.p)}")
+    values = {name: as_number(f"at: '{name}'", value, DataError) for name, value in held.items()}
+    own = {name: float(v) for name, v in zip(eq.x, here.x, strict=True) if name not in held}
+    given = {name: float(here.p[eq.p.index(name)]) for name in parameters}
+    return _Unknowns(eq, values, own, dict.fromkeys(inputs, 0.0), given)
+
+
+def _conditions(here: LocalEquations, wanted: Mapping[str, float], unknowns: _Unknowns) -> tuple[Any, list[str]]:
+    """Residuals, their Jacobian, all states, inputs and parameters as a function of the unknowns; residuals' names."""
+    eq, known = here.eq, list(unknowns.values)
+    z = ca.SX.sym("z", len(known))
+
+    def of(names: Sequence[str], free: Mapping[str, float], fixed: Sequence[float]) -> Any:
+        values = zip(names, fixed, strict=True)
+        return ca.vertcat(
+            ca.SX(0, 1), *(z[known.index(name)] if name in free else ca.SX(float(v)) for name, v in values)
+        )
+
+    x = of(eq.x, unknowns.states, [unknowns.held.get(name, 0.0) for name in eq.x])
+    u = of(here.inputs, unknowns.inputs, [here.u[place] for place in here.places])
+    p = of(eq.p, unknowns.parameters, here.p.tolist())
+    dx, y = _at_rest(here, x, [u[k] for k in range(len(here.inputs))], p)
     rows, names = [dx], [f"the rate of {name}" for name in eq.x]
     for name, value in wanted.items():
         signal = eq.aliases.get(name, name)
@@ -296,7 +355,7 @@ def _conditions(here: LocalEquations, wanted: Mapping[str, float], free: list[st
         rows.append(y[eq.y.index(signal)] - as_number(f"output '{name}'", value, DataError))
         names.append(name)
     residual = ca.vertcat(*rows)
-    return ca.Function("conditions", [z], [residual, ca.jacobian(residual, z), ca.vertcat(*u)]), names
+    return ca.Function("conditions", [z], [residual, ca.jacobian(residual, z), x, u, p]), names
 
 
 def _nearest_root(conditions: Any, begin: np.ndarray, count: int) -> np.ndarray:

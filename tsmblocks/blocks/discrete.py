@@ -146,8 +146,8 @@ class DiscretePID(Block):
         w_k &= k_P e_k + i_k + d_k, \qquad y_k = \min(\max(w_k, y_{low}), y_{high}), \qquad
         I_k = i_k + k_{aw} T (y_k - w_k)
 
-    With :math:`\tau = 0` the derivative is the plain difference quotient. Keep :math:`k_{aw} T` below 1. By default it has
-    no limits and no integral action; without integral action (kI = 0) there is no anti-windup either.
+    With :math:`\tau = 0` the derivative is the plain difference quotient. Keep :math:`k_{aw} T` below 1. By
+    default it has no limits and no integral action; without integral action (kI = 0) there is no anti-windup either.
     """
 
     source = "Åström and Hägglund, PID Controllers (1995), section 3.6"

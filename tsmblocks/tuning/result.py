@@ -228,17 +228,21 @@ class Tuned:
             parts.append("\n".join(["beware:", *(_FILL.fill(text) for text in self.remarks)]))
         return "\n\n".join(parts)
 
+    def _shown(self, name: str, value: float) -> str:
+        """A metric or margin in a table."""
+        k, _ = units.display_unit(self.units[name])
+        return "none" if any(one.name == name and one.is_none(value) for one in self.limits) else f"{k * value:.4g}"
+
     def _measured(self) -> list[tuple[str, ...]]:
         """Rows of all metrics, before and tuned, angles in degrees; an empty row between two metrics."""
         worst = sorted(self.after, key=lambda case: -self.after[case][self.objective])[:MOST_CASES]
         shown, rows = [case for case in self.after if case in worst], list[tuple[str, ...]]()
         more = [(f"… ({len(self.after)} in all, the worst shown)", "", "")] if len(self.after) > len(shown) else []
         for name in next(iter(self.after.values())):
-            k, _ = units.display_unit(self.units[name])
             rows += [("", "", "")] if rows else []
             rows.append((self.title(name), "before", "tuned"))
             for case in shown:
-                rows.append((case, *(f"{k * side[case][name]:.4g}" for side in (self.before, self.after))))
+                rows.append((case, *(self._shown(name, side[case][name]) for side in (self.before, self.after))))
             rows += more
         return rows
 

@@ -150,7 +150,7 @@ class Search:
             results[case] = {name: values[name] for name in texts}
             for one in self.limits:
                 if one.metric is None:
-                    margins = [one.margin_of(diagram.with_parameters(numbers)) for numbers in sets]
+                    margins = [one.margin_of(diagram.with_parameters(numbers), self.options) for numbers in sets]
                     results[case][one.name] = np.array(margins)
                 else:
                     results[case][one.name] = values[one.metric.given_name]
@@ -319,8 +319,9 @@ class Search:
         """A margin in all cases, and its Jacobian by central differences, since a linear model is cheap."""
         steps = MARGIN_DIFFERENCE * np.eye(len(z))
         points = [z, *(np.clip(z + side * step, 0.0, 1.0) for step in steps for side in (1, -1))]
+        cases = self.cases.values()
         margins = np.array(
-            [[one.margin_of(d.with_parameters(self._values(p))) for p in points] for d in self.cases.values()]
+            [[one.margin_of(d.with_parameters(self._values(p)), self.options) for p in points] for d in cases]
         )
         width = np.array([np.abs(a - b).max() for a, b in zip(points[1::2], points[2::2], strict=True)])
         return margins[:, 0], (margins[:, 1::2] - margins[:, 2::2]) / width
