@@ -337,3 +337,22 @@ def test_the_command_writes_c_and_mat(tmp_path, monkeypatch, capsys):
     ):
         assert main(["export", *words]) == 2
         assert said in capsys.readouterr().err
+
+
+@needs_compiler
+def test_initial_states_changed_after_init_take_effect_with_reset(tmp_path):
+    """Of a continuous state, a memory and a delayed signal, each with an initial value that is a parameter."""
+    blocks = {
+        "lag": FirstOrderLag(time_constant=0.2, value=0.0),
+        "late": Delay(time=0.05, initial=0.0),
+        "hold": UnitDelay(period=0.02, initial=0.0),
+    }
+    outputs = {name: name for name in blocks}
+    d = tsm.Diagram(title="starts", blocks=blocks, inputs={"u": [*blocks]}, outputs=outputs)
+    values = np.random.default_rng(1).normal(size=(50, 1))
+    begun = "c.p.lag_value = 1.5; c.p.late_initial = -2.0; c.p.hold_initial = 0.7;"
+    changed = d.with_parameters({"lag.value": 1.5, "late.initial": -2.0, "hold.initial": 0.7})
+    expected = engine_rows(changed, ["u"], values, 0.01, 50, "rk4")
+    rows = c_rows(d, tmp_path, values, 0.01, 50, f"{begun} NAME_reset(&c);")
+    assert np.abs(rows - expected).max() < 1e-12
+    assert np.abs(c_rows(d, tmp_path, values, 0.01, 50, begun) - expected).max() > 0.1  # without it they do not

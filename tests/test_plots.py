@@ -1,6 +1,9 @@
 """Figures: what is on which axes, in which unit. The pictures themselves are looked at, not compared."""
 
+import os
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -79,3 +82,18 @@ def test_a_figure_is_found_by_pyplot_when_that_is_in_use(run):
     made = plot_run(run, ["x_out"])
     assert made.number in pyplot.get_fignums()
     pyplot.close(made)
+
+
+def test_a_script_that_plots_first_can_show_the_figure_afterwards():
+    """Without pyplot imported before: plt.show() finds the figure, as that of pandas."""
+    code = (
+        "import sys, tsmblocks as tsm\n"
+        "run = tsm.simulate(tsm.load('motor_linear'), stop=0.1, inputs={'u': 12.0})\n"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
+        "figure = run.plot()\n"
+        "import matplotlib.pyplot as plt\n"
+        "assert plt.get_fignums() == [figure.number], plt.get_fignums()\n"
+    )
+    env = {**os.environ, "MPLBACKEND": "Agg"}
+    done = subprocess.run([sys.executable, "-c", code], check=False, env=env, capture_output=True, text=True)
+    assert done.stderr == ""

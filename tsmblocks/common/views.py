@@ -86,6 +86,8 @@ class SignalViews:
     def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
         """Plot signals over time, angles in degrees. Needs matplotlib.
 
+        In a script ``plt.show()`` of ``matplotlib.pyplot`` shows the figure, and its ``savefig`` saves it.
+
         Parameters
         ----------
         *names : str

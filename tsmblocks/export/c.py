@@ -1,4 +1,4 @@
-"""A diagram as C99: ``init`` and ``step``, no allocation, nothing but math.h.
+"""A diagram as C99: ``init``, ``reset`` and ``step``, no allocation, nothing but math.h.
 
 The source has the instructions that the engine compiles, so blocks declare nothing for it.
 """
@@ -86,7 +86,8 @@ class Code:
 def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "controller", loops: str = SOLVE) -> Code:
     """Write a diagram as C99 that takes one fixed step at each call.
 
-    ``NAME_init(&c)`` sets the initial state and the parameters, which are then in ``c.p`` and may be changed.
+    ``NAME_init(&c)`` sets the initial state and the parameters, which are then in ``c.p`` and may be changed;
+    ``NAME_reset(&c)`` goes back to the start with the initial states that are in ``c.p``.
     ``NAME_step(&c, &u, &y)`` computes the outputs ``y`` for the inputs ``u`` of this instant, and takes one step with
     the inputs held: the same as ``simulate`` with ``hold="zero"``. Where the derivative of an input enters (an exact
     Derivative), it is another input, ``NAME_dot``. Nothing is allocated; only math.h is needed.
@@ -237,13 +238,10 @@ class _Text:
             stored = {**_array("x", 0, eq.x), **_array("d", 1, eq.d), **_array("s", 2, eq.q)}
             head = f"{n}_start(const {n}_parameters *p, double *x, double *d, double *s)"
             yield from self._function(head, Program(eq.start), stored)
-        yield from [f"void {n}_init({n} *c)", "{"]
+        yield from ["/* Back to the start, with the initial states that are in c->p. */"]
+        yield from [f"void {n}_reset({n} *c)", "{"]
         if eq.q:
             yield from [f"    double s[{len(eq.q)}];", "    int i;", "    int j;"]
-        for name, value in zip(self.p, self.values, strict=True):
-            yield f"    c->p.{name} = {c_double(float(value))};"
-        if not self.p:
-            yield "    c->p.none = 0;"
         for kind, elements in (("x", eq.x), ("d", eq.d)):
             if not elements:
                 yield f"    c->{kind}[0] = 0.0;"
@@ -252,7 +250,12 @@ class _Text:
         if eq.q:
             yield from _loop("i", len(eq.q), _loop("j", self.room, ["    c->past[i][j] = s[i];"]))
         yield from (f"    c->loops[{k}] = 0.0;" for k in range(sum(loop.size for loop in self.loops)))
-        yield from ["    c->k = 0;", "}", ""]
+        yield from ["    c->k = 0;", "}", "", f"void {n}_init({n} *c)", "{"]
+        for name, value in zip(self.p, self.values, strict=True):
+            yield f"    c->p.{name} = {c_double(float(value))};"
+        if not self.p:
+            yield "    c->p.none = 0;"
+        yield from [f"    {n}_reset(c);", "}", ""]
 
     def _update(self) -> Iterator[str]:
         if self.eq.update is not None:

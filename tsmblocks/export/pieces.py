@@ -49,7 +49,9 @@ typedef struct {{
 {past}{loops}    long long k;  /* steps taken */
 }} {n};
 
+/* Parameters may be changed in c->p after init; initial states among them take effect with reset. */
 void {n}_init({n} *c);
+void {n}_reset({n} *c);
 void {n}_step({n} *c, const {n}_inputs *u, {n}_outputs *y);
 
 #endif /* {guard} */

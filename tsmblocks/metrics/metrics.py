@@ -260,11 +260,13 @@ def _part(read: Reader, node: ast.Call, name: str) -> Part:
     """The reduction ``name`` as it is called at ``node``. Raises ParameterError for wrong arguments."""
     first, numbers = "comparison" if name == "share" else "signal", REDUCTIONS[name].numbers
     given = {k.arg: k.value for k in node.keywords}
-    once = len(given) == len(node.keywords)
-    if len(node.args) != 1 + len(numbers) or not given.keys() <= {"after", "before"} or not once:
+    once, rest = len(given) == len(node.keywords), numbers[max(len(node.args) - 1, 0) :]
+    by_name = [given.pop(one) for one in rest if one in given]
+    complete = len(node.args) + len(by_name) == 1 + len(numbers) and len(by_name) == len(rest) and node.args
+    if not complete or not given.keys() <= {"after", "before"} or not once:
         wanted = ", ".join([first, *numbers, "after=", "before="])
         read.refuse(f"{name} takes ({wanted}), the last two being optional.", node)
-    signal, *others = node.args
+    signal, *others = [*node.args, *by_name]
     if isinstance(signal, ast.Compare) != (name == "share"):
         read.refuse(f"{name} takes a {first}{', such as abs(u) > 23.9' if name == 'share' else ''}.", signal)
     expression = read.read(_margin_of_comparison(read, signal) if isinstance(signal, ast.Compare) else signal)

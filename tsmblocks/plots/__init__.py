@@ -1,6 +1,7 @@
 """Figures. Every function draws on the axes it is given, or makes a figure, and returns the figure.
 
 Angles are stored in rad and shown in deg, as the paper shows them. Needs matplotlib, imported when a figure is made.
+Figures of ``value.plot()`` are those of pyplot, so that ``plt.show()`` in a script shows them.
 """
 
 import functools
@@ -23,6 +24,7 @@ from tsmblocks.plots.fits import (
     plot_history,
     plot_residual,
 )
+from tsmblocks.plots.panels import usual
 from tsmblocks.plots.runs import plot_loop, plot_record, plot_run, plot_tracking
 from tsmblocks.plots.studies import (
     plot_distribution,
@@ -41,16 +43,16 @@ from tsmblocks.tuning.result import Tuned
 
 view = functools.singledispatch(no_view)
 """The usual figure of a value; ``value.plot()`` calls it by ``common.views``."""
-view.register(Comparison, plot_comparison)
-view.register(Diagnosis, plot_diagnosis)
-view.register(Differences, plot_fit)
-view.register(Fit, plot_fit)
-view.register(FrequencyResponse, plot_frequency_response)
-view.register(Record, plot_record)
-view.register(Responses, plot_envelope)
-view.register(Results, plot_study)
-view.register(Run, plot_run)
-view.register(Tuned, plot_tuned)
+view.register(Comparison, usual(plot_comparison))
+view.register(Diagnosis, usual(plot_diagnosis))
+view.register(Differences, usual(plot_fit))
+view.register(Fit, usual(plot_fit))
+view.register(FrequencyResponse, usual(plot_frequency_response))
+view.register(Record, usual(plot_record))
+view.register(Responses, usual(plot_envelope))
+view.register(Results, usual(plot_study))
+view.register(Run, usual(plot_run))
+view.register(Tuned, usual(plot_tuned))
 
 __all__ = [
     "plot_autocorrelation",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
@@ -68,13 +70,39 @@ def need_matplotlib() -> None:
         raise TsmError('Plots need matplotlib: pip install "tsmblocks[plots]"') from None
 
 
+_OF_A_SCRIPT: ContextVar[bool] = ContextVar("of_a_script", default=False)
+"""Whether figures are made by ``value.plot()``, so that ``plt.show()`` must find them."""
+
+
+def usual(make: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of ``value.plot()``: figures that it makes are pyplot's, which a script can show."""
+
+    @functools.wraps(make)
+    def made(*args: Any, **options: Any) -> Any:
+        token = _OF_A_SCRIPT.set(True)
+        try:
+            return make(*args, **options)
+        finally:
+            _OF_A_SCRIPT.reset(token)
+
+    return made
+
+
 def _figure(size: tuple[float, float]) -> Any:
     need_matplotlib()
     from matplotlib.figure import Figure
 
+    made = {"figsize": size, "layout": "constrained"}
     if "matplotlib.pyplot" in sys.modules:  # someone works with pyplot: plt.show() must find this figure
-        return sys.modules["matplotlib.pyplot"].figure(figsize=size, layout="constrained")
-    return Figure(figsize=size, layout="constrained")
+        return sys.modules["matplotlib.pyplot"].figure(**made)
+    if _OF_A_SCRIPT.get() and "ipykernel" not in sys.modules:  # a notebook shows a figure that is returned
+        try:
+            import matplotlib.pyplot as plt
+
+            return plt.figure(**made)  # type: ignore[arg-type]
+        except ImportError:  # the backend that is set needs a screen, and there is none
+            return Figure(**made)  # type: ignore[arg-type]
+    return Figure(**made)  # type: ignore[arg-type]
 
 
 def dress(
