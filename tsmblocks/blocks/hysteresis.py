@@ -79,6 +79,9 @@ class AsymmetricBoucWen(Block):
 
     Defaults are the set of Figs 6 and 10 to 15. Eq (7) is printed with the sign of its shape function reversed; Eq (8)
     is the stable one. :math:`\alpha_x` is coded with tanh: equal, and it cannot overflow.
+
+    The paper assumes a pretension that keeps the tendon from going slack and an accumulated curve angle of the sheath
+    that does not change; with these fixed, the sheath's shape does not matter, and the model has no parameter for it.
     """
 
     source = "Paper, Eqs (8) and (9)"
@@ -113,7 +116,8 @@ class GeneralizedBoucWen(Block):
              + \beta_5 \operatorname{sgn}(\zeta) + \beta_6 \operatorname{sgn}(x)
 
     The paper's vector of signs did not survive printing; this is the form of Song and
-    Der Kiureghian (2006), which gives the loop of the paper's Fig. 5 with the printed numbers.
+    Der Kiureghian (2006), which gives the loop of the paper's Fig. 5 with the printed numbers. Pretension and
+    accumulated curve angle of the sheath are fixed, as for ``AsymmetricBoucWen``.
     """
 
     source = "Paper, Eqs (4) to (6); Song and Der Kiureghian, J. Eng. Mech. 132 (2006) 610"
@@ -161,6 +165,8 @@ class BoucWen(Block):
 
         \dot\zeta &= A v - \beta |v| |\zeta|^{n-1} \zeta - \gamma v |\zeta|^n \\
         y &= \alpha_x x + \alpha_\zeta \zeta
+
+    Pretension and accumulated curve angle of the sheath are fixed, as for ``AsymmetricBoucWen``.
     """
 
     source = "Paper, Eqs (2) and (3); Wen, J. Eng. Mech. Div. ASCE 102 (1976) 249"

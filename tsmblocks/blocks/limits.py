@@ -19,9 +19,13 @@ class Saturation(Block):
     r"""Hard limit of an actuator.
 
     .. math:: y = \min(\max(u, l), h)
+
+    The paper says that the drive gives the motor between 0 and 24 V. A sine needs both directions, so 24 V is taken as
+    the largest magnitude: with 0 to 24 V the motor never returns, and the diagram of Fig. 9(b) leaves an error of 110
+    deg peak to peak.
     """
 
-    source = "Paper, section 5.1: the drive gives the motor up to 24 V, in both directions"
+    source = "Paper, section 5.1: between 0 and 24 V; taken in both directions"
     symbol = "sat"
 
     low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
