@@ -3,8 +3,8 @@
 The generalised model replaces the instrument; noise of 0.3 deg and encoders of 3600 counts make its signals
 measurements (paper_bench.toml). Each model is fitted to the sine and validated on all three signals. The order of the
 errors is that of the paper, as long as no offset is fitted: with one, the symmetric model is better than the proposed
-one on the signals that were not fitted. The paper's errors are of a measured sine, and it gives no unit of them (here times 1e4): only
-their order can be compared.
+one on the signals that were not fitted. The paper's errors are of a measured sine, and it gives no unit of them (here
+times 1e4): only their order can be compared.
 """
 
 from pathlib import Path
