@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from tsmblocks.common.errors import RunError
@@ -17,6 +20,20 @@ LARGE_OPERATIONS = 1500
 """Operations above which a kernel is cut into functions. Chosen: LLVM's compile time grows faster than a function."""
 
 
+def _settings(steps: Steps, mask: int) -> np.ndarray:
+    """The steps to take as the numbers that machine code reads."""
+    settings = np.empty(2 + len(SETTINGS) + len(steps.hits))
+    settings[:2] = steps.h, steps.t0
+    counts = (steps.k0, steps.n, int(steps.final), steps.every, steps.skip, mask)
+    settings[2:].view(np.int64)[:] = (*counts, *steps.hits)
+    return settings
+
+
+def address(array: np.ndarray) -> int:
+    """The address of an array's first number, in half the time of its attribute ``ctypes``."""
+    return int(array.__array_interface__["data"][0])
+
+
 class CompiledKernel(Kernel):
     """Machine code through llvmlite. Re-entrant; runs without the interpreter's lock."""
 
@@ -29,14 +46,26 @@ class CompiledKernel(Kernel):
         self.work = writer.work
         self.function = jit.compile_text(text, promote=not large, quick=quick and not large)
 
-    def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
-        settings = np.empty(2 + len(SETTINGS) + len(steps.hits))
-        settings[:2] = steps.h, steps.t0
-        counts = (steps.k0, steps.n, int(steps.final), steps.every, steps.skip, memory.mask)
-        settings[2:].view(np.int64)[:] = (*counts, *steps.hits)
+    def one_step(
+        self, memory: Memory, u: np.ndarray, y: np.ndarray, t0: float, h: float, hits: tuple[int, ...]
+    ) -> Callable[[int], None]:
+        settings = _settings(Steps(t0, h, 0, 1, False, hits), memory.mask)
         arrays = (settings, memory.x, memory.d, memory.p, u, memory.ring, y, np.empty(self.work), memory.loops)
-        table = np.array([a.ctypes.data for a in arrays], dtype=np.uintp)
-        self.function(table.ctypes.data)
+        table = np.array([address(a) for a in arrays], dtype=np.uintp)
+        counts: Any = memoryview(settings[2:].view(np.int64).data)
+        run, place = self.function, address(table)
+
+        def step(k: int, _alive: tuple[Any, ...] = (arrays, table)) -> None:
+            counts[0] = k
+            run(place)
+
+        return step
+
+    def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
+        settings = _settings(steps, memory.mask)
+        arrays = (settings, memory.x, memory.d, memory.p, u, memory.ring, y, np.empty(self.work), memory.loops)
+        table = np.array([address(a) for a in arrays], dtype=np.uintp)
+        self.function(address(table))
 
 
 def kernel_for(plan: Plan, backend: str = "", quick: bool = False) -> Kernel:

@@ -112,11 +112,12 @@ class Equations:
         return tuple(self.aliases)
 
 
-def function_values(function: Any, p: np.ndarray) -> list[np.ndarray]:
+def function_values(function: Any, *given: Any) -> list[np.ndarray]:
     """Dense outputs of a CasADi function, each flat by columns; by its buffers, as a call takes five times as long."""
-    p = np.ascontiguousarray(p, dtype=float)
+    arrays = [np.ascontiguousarray(one, dtype=float) for one in given]
     buffer, evaluate = function.buffer()
-    buffer.set_arg(0, p.data)
+    for k, one in enumerate(arrays):
+        buffer.set_arg(k, one.data)
     made = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
     for k, values in enumerate(made):
         buffer.set_res(k, values.data)

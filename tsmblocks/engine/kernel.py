@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import attrs
@@ -90,6 +90,19 @@ class Kernel:
             made.append(memory.loops[first : first + len(STATISTICS)])
             place += region(loop)
         return made
+
+    def one_step(
+        self, memory: Memory, u: np.ndarray, y: np.ndarray, t0: float, h: float, hits: tuple[int, ...]
+    ) -> Callable[[int], None]:
+        """A function of the step counter that logs a row into ``y`` (1, row) and takes one step of ``h`` s.
+
+        The arrays are those of ``advance`` and stay in use, so that no call allocates any.
+        """
+
+        def step(k: int) -> None:
+            self.advance(memory, u, y, Steps(t0, h, k, 1, False, hits))
+
+        return step
 
     def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
         """Take steps, with ``memory`` changed in place and the logged rows written to ``y``.

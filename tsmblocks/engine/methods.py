@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
+from typing import Any
 
 import attrs
 
@@ -25,13 +27,13 @@ class Method:
     real_limit: float
     source: str
 
-    @property
+    @cached_property
     def offsets(self) -> tuple[float, ...]:
         """Instant of each stage, as a fraction of the step."""
         ends = map(sum, self.rows)
         return tuple(1.0 if math.isclose(end, 1.0, rel_tol=1e-12) else float(end) for end in ends)
 
-    @property
+    @cached_property
     def instants(self) -> tuple[float, ...]:
         """The start of the step and the different offsets, in order: instants at which sampled inputs are supplied."""
         return tuple(sorted({0.0, *self.offsets}))
@@ -41,9 +43,12 @@ class Method:
         """Whether a stage depends on its own slope, so that it is an equation to be solved."""
         return len(self.rows[0]) > 0
 
-    def grows(self, z: complex) -> bool:
-        """Whether a decaying mode with h * pole = z grows under the method: |R(z)| > 1 for its stability function R."""
-        stages: list[complex] = []
+    def grows(self, z: Any) -> Any:
+        """Whether decaying modes with h * pole = z grow under the method: |R(z)| > 1 for its stability function R.
+
+        ``z`` is a number or an array of them.
+        """
+        stages: list[Any] = []
         for row in self.rows:
             explicit = 1 + z * sum(a * k for a, k in zip(row, stages, strict=False))
             stages.append(explicit / (1 - z * row[len(stages)]) if self.implicit else explicit)

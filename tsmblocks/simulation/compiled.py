@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.common.errors import RunError, in_words, near
+from tsmblocks.common.kept import KeptFor
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.compiler.dependencies import nesting
 from tsmblocks.engine.equations import Equations
@@ -64,19 +65,39 @@ def equations(diagram: Diagram, *, loops: str = SOLVE) -> Equations:
     diagram = as_diagram(diagram)
     if loops not in (SOLVE, REFUSE):
         raise RunError(f"loops must be 'solve' or 'refuse', got {in_words(loops)}.{near(str(loops), (SOLVE, REFUSE))}")
+    return _refusing(diagram) if loops == REFUSE else _solving(diagram)
+
+
+def _compiled(diagram: Diagram, refuse: bool) -> Equations:
+    """The equations of a diagram, from those compiled before where its structure is known."""
     key = (diagram.title, signature(diagram))
     found = _COMPILED.pop(key, None)
     if found is None:
-        found = compile_diagram(diagram, refuse_loops=loops == REFUSE)
+        found = compile_diagram(diagram, refuse_loops=refuse)
         while len(_COMPILED) >= _KEPT:
             _COMPILED.pop(next(iter(_COMPILED)))
     _COMPILED[key] = found
-    if loops == REFUSE and found.loops:
+    if refuse and found.loops:
         compile_diagram(diagram, refuse_loops=True)  # raises
     return found
 
 
+@KeptFor
+def _solving(diagram: Diagram) -> Equations:
+    return _compiled(diagram, refuse=False)
+
+
+@KeptFor
+def _refusing(diagram: Diagram) -> Equations:
+    return _compiled(diagram, refuse=True)
+
+
 def parameter_vector(eq: Equations, diagram: Diagram) -> np.ndarray:
     """The parameter values of the diagram in the order of the equations."""
-    values = diagram.parameters
+    values = _parameters(diagram)
     return np.array([values[name] for name in eq.p], dtype=float)
+
+
+@KeptFor
+def _parameters(diagram: Diagram) -> dict[str, float]:
+    return diagram.parameters

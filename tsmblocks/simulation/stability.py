@@ -98,43 +98,73 @@ def set_text(numbers: Mapping[str, Any]) -> str:
 
 def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> tuple[complex, str] | None:
     """The fastest decaying pole that grows under the method, with the state it belongs to; None if there is none."""
-    eq = run.eq
-    if not eq.x:
+    if not run.eq.x:
         return None
-    jacobian = _start_jacobian(run, h)
-    if len(eq.x) <= MOST_STATES:
-        a = np.asarray(jacobian)
-        if not np.isfinite(a).all():
-            return None  # the run reports what is not finite, and where
-        values, vectors = np.linalg.eig(a)
-        owners = np.argmax(np.abs(vectors), axis=0)
-    else:
-        values = np.asarray(ca.diag(jacobian)).ravel().astype(complex)
-        owners = np.arange(len(values))
-    growing = [k for k, z in enumerate(values) if z.real < 0 and np.isfinite(z) and rule.grows(h * complex(z))]
-    if not growing:
+    return _growing_pole(run.eq, rule, h, run.start, *(part.tobytes() for part in (run.p, *_start_values(run, h))))
+
+
+@functools.lru_cache(maxsize=128)
+def _growing_pole(eq: Equations, rule: Method, h: float, start: float, *bits: bytes) -> tuple[complex, str] | None:
+    """As ``fastest_growing_pole``, of the bytes of parameters, states, memory and inputs.
+
+    Kept, since the same run is often repeated: the poles take longer than a short run.
+    """
+    p, x, d, u = map(np.frombuffer, bits)
+    a = _jacobian_at(eq, start, h, p, x, d, u)
+    if len(eq.x) > MOST_STATES:
+        values = a.astype(complex)
+        worst = _fastest_growing(values, rule, h)
+        return None if worst is None else (complex(values[worst]), eq.x[worst])
+    if not np.isfinite(a).all():
+        return None  # the run reports what is not finite, and where
+    if _fastest_growing(np.linalg.eigvals(a), rule, h) is None:
         return None
-    worst = max(growing, key=lambda k: abs(values[k]))
-    return complex(values[worst]), eq.x[owners[worst]]
+    values, vectors = np.linalg.eig(a)
+    worst = _fastest_growing(values, rule, h)
+    return None if worst is None else (complex(values[worst]), eq.x[int(np.argmax(np.abs(vectors[:, worst])))])
+
+
+def _fastest_growing(values: np.ndarray, rule: Method, h: float) -> int | None:
+    """Position of the fastest of the decaying modes that grow under a method."""
+    with np.errstate(all="ignore"):
+        growing = (values.real < 0) & np.isfinite(values) & rule.grows(h * values)
+    return int(np.argmax(np.where(growing, np.abs(values), -1.0))) if growing.any() else None
 
 
 def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
     """Poles of the equations at the initial states, with inputs of zero; none where they are not finite."""
-    a = np.asarray(_start_jacobian(RunStart(eq, p), np.inf))
+    a = _jacobian_at(eq, 0.0, np.inf, p, *_start_values(RunStart(eq, p), np.inf), whole=True)
     return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
 
 
-def _start_jacobian(run: RunStart, h: float) -> Any:
-    """d(dx)/dx at the start of a run with steps of ``h`` s; delays have no past yet, and a jump has just passed."""
-    eq, p, start = run.eq, run.p, run.start
+def _start_values(run: RunStart, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States, memory and inputs at the start of a run with steps of ``h`` s; a jump has just passed."""
+    instant = np.array([run.start])
+    u = [s.at(instant, order, 1e-6 * h)[0] for s, order in run.signals] or np.zeros(len(run.eq.u))
+    x, d = (run.memory.x, run.memory.d) if run.memory else function_values(run.eq.start, run.p)[:2]
+    return x, d, np.asarray(u, dtype=float)
+
+
+def _jacobian_at(
+    eq: Equations,
+    start: float,
+    h: float,
+    p: np.ndarray,
+    x: np.ndarray,
+    d: np.ndarray,
+    u: np.ndarray,
+    whole: bool = False,
+) -> np.ndarray:
+    """d(dx)/dx at the time ``start`` [s]; delays have no past yet. Of many states its diagonal, unless ``whole``."""
     q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))
-    u = [s.at(np.array([start]), order, 1e-6 * h)[0] for s, order in run.signals] or np.zeros(len(eq.u))
-    x, d = (run.memory.x, run.memory.d) if run.memory else function_values(eq.start, p)[:2]
-    return _jacobian(eq)(start, x, d, u, q, p)
+    whole = whole or len(eq.x) <= MOST_STATES
+    values = function_values(_jacobian(eq, whole), np.float64(start), x, d, u, q, p)[0]
+    return values.reshape(len(eq.x), -1, order="F") if whole else values
 
 
 @functools.lru_cache(maxsize=64)
-def _jacobian(eq: Equations) -> Any:
-    """d(dx)/dx as a function (kept, since equations are compared by identity)."""
+def _jacobian(eq: Equations, whole: bool) -> Any:
+    """d(dx)/dx or its diagonal, dense, as a function (kept, since equations are compared by identity)."""
     symbols = eq.rhs.sx_in()
-    return ca.Function("jacobian", symbols, [ca.jacobian(eq.rhs.call(symbols)[0], symbols[1])])
+    J = ca.jacobian(eq.rhs.call(symbols)[0], symbols[1])
+    return ca.Function("jacobian", symbols, [ca.densify(J if whole else ca.diag(J))])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_number, as_positive
 from tsmblocks.common.errors import DataError, NotFinite, RunError, in_words, near
+from tsmblocks.common.tables import listed
 from tsmblocks.engine.equations import SampledInput
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Memory, Steps
@@ -130,6 +132,36 @@ class Stepper:
         row = dict(zip(self.names, y[0], strict=True))
         return {name: float(row[signal]) for name, signal in self.eq.aliases.items()}
 
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs, in the order of ``Cycle.u``."""
+        return tuple(f.name for f in self.eq.u)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs, in the order of ``Cycle.y``."""
+        return tuple(self.eq.aliases)
+
+    def cycle(self) -> Cycle:
+        """One cycle of a loop with hardware, on arrays that are made once.
+
+        Returns
+        -------
+        Cycle
+            Its arrays ``u`` and ``y``, and ``cycle()``, which takes a step in a few microseconds.
+
+        Examples
+        --------
+        >>> import tsmblocks as tsm
+        >>> cycle = tsm.Stepper(tsm.load("motor_linear"), step=0.01).cycle()
+        >>> for k in range(101):
+        ...     cycle.u[0] = 12.0  # what is measured at this instant
+        ...     cycle()
+        >>> print(f"{cycle.t:.2f} s: {cycle.y[0]:.3f} rad")  # the outputs of the instant before the step
+        1.01 s: 23.520 rad
+        """
+        return Cycle(self)
+
     def _not_finite(self, before: Memory, values: list[float]) -> NotFinite:
         """The error of a step that diverged."""
         ends = np.array([0.0, self.h])  # inputs are held from one to the other
@@ -179,6 +211,77 @@ class Stepper:
         self.memory = restored_memory(saved, self.eq, self.memory, self.h)
         self.k, self.start = saved.k, saved.start
         self.h = saved.step  # to the last digit, as times are multiples of it
+
+
+class Cycle:
+    """One cycle of a loop with hardware: inputs in, outputs of the same instant out, then a step.
+
+    ``cycle()`` computes the outputs ``y`` for the inputs ``u`` of this instant, and takes one step with the inputs
+    held, as the C code of ``tsm.export.to_c`` does. It allocates nothing: write into ``u``, read from ``y``.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        The stepper, whose state it advances.
+
+    Attributes
+    ----------
+    u, y : ndarray
+        Inputs and outputs in the order of ``stepper.inputs`` and ``stepper.outputs``, in their units.
+    """
+
+    __slots__ = ("_held", "_last", "_memory", "_places", "_row", "_step", "_stepper", "u", "y")
+
+    def __init__(self, stepper: Stepper) -> None:
+        self._stepper = stepper
+        self.u = np.zeros(len(stepper.inputs))
+        self._held = np.zeros((2, len(stepper.kernel.plan.method.instants), len(self.u)))
+        row = np.zeros((1, stepper.kernel.layout_y.size))
+        places = [stepper.names.index(signal) for signal in stepper.eq.aliases.values()]
+        plain = places == list(range(row.size))
+        self._row, self._places = row[0], None if plain else np.array(places, dtype=np.intp)
+        self.y = row[0] if plain else np.zeros(len(places))
+        self._last = memoryview(self._row)
+        self._bind(row)
+
+    def _bind(self, row: np.ndarray) -> None:
+        """Take the arrays of the stepper's present memory."""
+        stepper = self._stepper
+        self._memory = stepper.memory
+        self._step = stepper.kernel.one_step(stepper.memory, self._held, row, stepper.start, stepper.h, stepper.hits)
+
+    @property
+    def t(self) -> float:
+        """Present time in s."""
+        return self._stepper.t
+
+    def __call__(self) -> None:
+        """Compute the outputs of this instant, and take one step.
+
+        Raises
+        ------
+        NotFinite
+            For an output that becomes NaN or infinite.
+        """
+        stepper = self._stepper
+        if self._memory is not stepper.memory:  # restored
+            self._bind(self._row[None])
+        if len(self.u):
+            self._held[...] = self.u
+        self._step(stepper.k)
+        if self._places is not None:
+            self._row.take(self._places, out=self.y)
+        stepper.k += 1
+        if not math.isfinite(sum(self._last)):
+            self._refuse()
+
+    def _refuse(self) -> None:
+        """Raise NotFinite where an output is not finite (and not only their sum)."""
+        bad = [name for name, v in zip(self._stepper.names, self._row, strict=True) if not math.isfinite(v)]
+        if bad:
+            self._stepper.k -= 1
+            t = self._stepper.t
+            raise NotFinite(f"{listed(bad, 3)} of '{self._stepper.eq.title}' is not finite at t = {t:g} s.")
 
 
 def _revived(diagram: Diagram, step: float, method: str, backend: str, saved: SavedState) -> Stepper:
