@@ -28,6 +28,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("diagram")
     add("--stop", type=common.finite_float, metavar="S", help="end of the run in s (default: end of the data, else 20)")
     add("--step", help="step in s (default: that of the diagram's file, else 0.001)")
+    add("--stop-when", metavar="C", help="end the run where this becomes true, such as 'x > 1' (default: the file's)")
     known = "euler, heun, rk4, or for stiff diagrams sdirk2, sdirk3, sdirk4"
     add("--method", default="", help=f"{known} (default: that of the diagram's file, else rk4)")
     add("--set")
@@ -84,7 +85,7 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
                 inputs=inputs,
                 log="outputs" if diagram.outputs else "all",
                 progress=progress,
-                **common.passed(args, "stop", "step", "method", "every", "backend", "loops"),
+                **common.passed(args, "stop", "stop_when", "step", "method", "every", "backend", "loops"),
             )
     except RunError as error:
         if out and error.run is not None and len(error.run.t):
@@ -131,6 +132,7 @@ def summarise(run: Any, diagram: str, record: Any = None, residuals: Any = None)
         "method": run.method,
         "instants": len(run.t),
         "complete": run.complete,
+        "ended_by": run.ended_by,
         "outputs": {},
         "notes": list(record.notes) if record is not None else [],
     }
@@ -157,7 +159,8 @@ def summary_text(summary: dict[str, Any]) -> str:
     title = summary["title"] or summary["diagram"]
     span = f"{summary['start']:g} to {summary['stop']:g} s in steps of {summary['step']:g} s"
     kept = f", every {summary['every']}th kept" if summary["every"] > 1 else ""
-    first = f"{title}\n{span} ({summary['method']}){kept}"
+    ended = f"\nended where {summary['ended_by']}" if summary["ended_by"] else ""
+    first = f"{title}\n{span} ({summary['method']}){kept}{ended}"
     last = f"\n\n{_measured_table(summary)}" if "measured" in summary else ""
     if "tracking_error" in summary:
         return f"{first}\n\n{_tracking_table(summary['tracking_error'])}{last}"

@@ -5,8 +5,8 @@ first step at whose end some switching function contradicts its mode is repeated
 
 A signal that crosses zero and comes back within one step is not detected. Rounding (floor, ceil) is not a switch:
 the jumps of a quantiser are not located. Memory is updated at events as at instants of the grid, so a relay switches
-where its input reaches a level. Play and rate limits detect a turning point of their input on the grid only; samples
-and resets are on the grid only.
+where its input reaches a level, and a state is reset where its condition becomes true. Play and rate limits detect a
+turning point of their input on the grid only; samples are on the grid only.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MOST_PLAIN_STEPS = 16
 
 
 class SlidingWarning(UserWarning):
-    """A switch changes again and again at one instant (a sliding mode), so its instants are not located."""
+    """A switch changes again and again at one instant (a sliding mode, or resets without end): it is not located."""
 
 
 @attrs.define(eq=False)
@@ -81,7 +81,8 @@ def _warn(title: str, slid: Event) -> None:
     place = f"the {slid.switch} in {slid.block}" if slid.block else f"a {slid.switch}"
     warnings.warn(
         f"diagram '{title}': from t = {round(slid.t, 9):g} s on, {place} changes again and again at one "
-        "instant (a sliding mode). Such steps are taken as without locate, with errors of the step's order.",
+        "instant (a sliding mode, or resets that follow each other ever faster). Such steps are taken as without "
+        "locate, with errors of the step's order.",
         SlidingWarning,
         stacklevel=6,
     )

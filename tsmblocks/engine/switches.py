@@ -157,7 +157,7 @@ def _chained(eq: Equations, program: Program) -> list[set[int]]:
 def _switches(eq: Equations) -> tuple[Program, list[int], list[int]]:
     """Rates, signals and updates between samples as one program; its switches; and how each node moves.
 
-    Switches are those that rates, signals and memory depend on; those of samples and resets are not.
+    Switches are those that rates, signals, memory and resets depend on; those of samples are not.
     Nodes are constant within a step (0), change with time alone (1) or with states and inputs (2).
     """
     symbols = eq.rhs.sx_in()
@@ -167,7 +167,7 @@ def _switches(eq: Equations) -> tuple[Program, list[int], list[int]]:
         names = [*names, *UPDATE[1]]
     program = Program(ca.Function("all", symbols, values, RHS[0], names))
     moving = program.grade({0: 1, 1: 2, 2: 0, 3: 2, 4: 2, 5: 0})
-    needed = program.needed(n for (slot, _), n in program.outputs.items() if slot < 3)
+    needed = program.needed(program.outputs.values())
     switches = [n for n in sorted(needed) if program.nodes[n][0] in SWITCHES and moving[n]]
     return program, switches, moving
 
@@ -282,10 +282,10 @@ def _reach(program: Program, sources: Sequence[int]) -> np.ndarray:
 
 
 def _owners(eq: Equations, program: Program, reach: np.ndarray) -> list[str]:
-    """The block of each switch: its rates, outputs or memory depend on it, while none of its inputs does."""
+    """The block of each switch: its rates, outputs, memory or resets depend on it, its inputs do not."""
     results = {
         (slot, name): reach[program.outputs[slot, k]]
-        for slot, names in enumerate((eq.x, eq.y, eq.d))
+        for slot, names in enumerate((eq.x, eq.y, eq.d, eq.x))
         for k, name in enumerate(names)
         if (slot, k) in program.outputs
     }

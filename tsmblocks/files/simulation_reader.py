@@ -13,7 +13,7 @@ from tsmblocks.model.simulation import Simulation
 
 SIMULATION_KEYS = ("simulation", "start")
 """Sections of a file, beside those of its diagram."""
-KEYS = ("step", "method", "hold", "condition")
+KEYS = ("step", "method", "hold", "condition", "stop_when")
 """Keys of ``[simulation]``."""
 
 

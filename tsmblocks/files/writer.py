@@ -119,6 +119,7 @@ class _Writer:
 def _simulation(one: Simulation) -> Iterator[str]:
     """Yield the sections that say how a diagram was simulated on recordings."""
     given = {"step": one.step, "method": one.method, "hold": one.hold, "condition": one.condition}
+    given["stop_when"] = one.stop_when
     given = {key: value for key, value in given.items() if value not in (None, "", ())}
     if given:
         yield from ["", "[simulation]", *(f"{key} = {_inline(value)}" for key, value in given.items())]

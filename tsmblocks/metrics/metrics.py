@@ -110,7 +110,7 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
     if not split.parts:
         read.refuse(f"this makes no number of a signal. {EXAMPLE}")
     inner = attrs.evolve(read, known=list(split.units))
-    unit = _unit(inner, tree, split.units)
+    unit = unit_of_expression(inner, tree, split.units)
     if wanted and not unit:
         raise units.UnitError(
             f"{read.what}: the unit of '{clip(read.text)}' is not known, so it cannot be in {wanted}."
@@ -209,7 +209,7 @@ def expression_samples(run: Any, text: str) -> tuple[np.ndarray, str]:
         read.refuse("this compares, and has no curve.")
     made = read.read(read.tree)
     values = made.of_arrays({name: run[name] for name in made.names})
-    return np.broadcast_to(np.asarray(values, dtype=float), run.t.shape), _unit(read, read.tree, signals)
+    return np.broadcast_to(np.asarray(values, dtype=float), run.t.shape), unit_of_expression(read, read.tree, signals)
 
 
 @attrs.define
@@ -247,7 +247,7 @@ class _Split:
         if name in REDUCTIONS:
             self.parts.append(_part(self.read, node, name))
             mark = f"#{len(self.parts) - 1}"
-            inside = _unit(self.read, self.parts[-1].expression.tree, self.signals)
+            inside = unit_of_expression(self.read, self.parts[-1].expression.tree, self.signals)
             self.units[mark] = REDUCTIONS[name].unit_of(inside)
             return ast.Name(mark, ast.Load())
         if name not in FUNCTIONS:
@@ -269,14 +269,14 @@ def _part(read: Reader, node: ast.Call, name: str) -> Part:
     signal, *others = [*node.args, *by_name]
     if isinstance(signal, ast.Compare) != (name == "share"):
         read.refuse(f"{name} takes a {first}{', such as abs(u) > 23.9' if name == 'share' else ''}.", signal)
-    expression = read.read(_margin_of_comparison(read, signal) if isinstance(signal, ast.Compare) else signal)
+    expression = read.read(margin_of_comparison(read, signal) if isinstance(signal, ast.Compare) else signal)
     if not expression.names:
         read.refuse(f"there is no signal in this. {EXAMPLE}", signal)
     window = {k: _constant(read, value) for k, value in given.items() if k}
     return Part(name, expression, tuple(_constant(read, one) for one in others), **window)
 
 
-def _margin_of_comparison(read: Reader, node: ast.Compare) -> ast.expr:
+def margin_of_comparison(read: Reader, node: ast.Compare) -> ast.expr:
     """An expression above zero where a comparison holds."""
     made, sides = list[ast.expr](), [node.left, *node.comparators]
     place = partial(ast.copy_location, old_node=node)
@@ -301,7 +301,7 @@ def _constant(read: Reader, node: ast.expr) -> float:
     return value
 
 
-def _unit(read: Reader, node: ast.expr, labels: Mapping[str, str]) -> str:
+def unit_of_expression(read: Reader, node: ast.expr, labels: Mapping[str, str]) -> str:
     """The unit of an expression, ``""`` where it is not known. Raises ParameterError for a sum of different ones."""
     return _unit_or_any(read, node, labels) or ""
 

@@ -52,6 +52,11 @@ def _hold(_: Any, __: Any, given: Any) -> None:
             )
 
 
+def _text(_: Any, attribute: Any, given: Any) -> None:
+    if not isinstance(given, str):
+        raise ParameterError(f"{attribute.name} must be text, got {in_words(given)}.")
+
+
 def _start(_: Any, __: Any, given: Any) -> None:
     for name, states in given.items():
         for state, value in states.items():
@@ -73,6 +78,8 @@ class Simulation:
         Interpolation between samples, one for all inputs or by input; ``""`` for the default one.
     condition : sequence of str, default ()
         Inputs whose noise was filtered out (``Record.conditioned``).
+    stop_when : str, default ""
+        Comparison of signals at which a run ends, as for ``simulate``; ``""`` for none.
     start : mapping of str to mapping of str to float, default {}
         Initial states by recording. Other recordings, and runs without any, begin with those of the diagram.
 
@@ -86,6 +93,7 @@ class Simulation:
     method: str = attrs.field(default="", validator=_method)
     hold: Hold = attrs.field(default="", converter=_table, validator=_hold)
     condition: tuple[str, ...] = attrs.field(default=(), converter=_names)
+    stop_when: str = attrs.field(default="", validator=_text)
     start: Mapping[str, Mapping[str, float]] = attrs.field(factory=dict, converter=_tables, validator=_start)
 
     def step_of(self, recording: str = "") -> float | None:
@@ -141,4 +149,5 @@ class Simulation:
         start = {name: dict(states) for name, states in self.start.items()}
         step, hold = (dict(one) if isinstance(one, Mapping) else one for one in (self.step, self.hold))
         made: dict[str, Any] = dict(step=step, method=self.method, hold=hold, condition=self.condition, start=start)
+        made["stop_when"] = self.stop_when
         return functools.partial(Simulation, **made), ()

@@ -145,9 +145,13 @@ class RunOptions:
         return gather_signals(eq, self.inputs, self.times.grid, self.hold)
 
 
-def logged_signals(eq: Equations, log: str | Iterable[str], times: TimeGrid) -> tuple[tuple[int, ...], tuple[str, ...]]:
-    """Columns and names of the signals that are kept. Raises RunError for too many numbers."""
+def logged_signals(
+    eq: Equations, log: str | Iterable[str], times: TimeGrid, needed: Sequence[str] = ()
+) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Columns and names of the signals that are kept, those ``needed`` among them. Raises RunError for too many."""
     chosen = _chosen(eq, log)
+    if needed:
+        chosen = tuple(sorted({*chosen, *(eq.y.index(eq.aliases.get(name, name)) for name in needed)}))
     if times.kept * len(chosen) > MOST_NUMBERS:
         fewer = times.every * 10 ** math.ceil(math.log10(times.kept * len(chosen) / MOST_NUMBERS))
         raise RunError(

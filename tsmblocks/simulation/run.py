@@ -56,6 +56,8 @@ class Run(SignalViews):
     loops : tuple of LoopReport, optional
         Algebraic loops: the ``path`` of each, whether it is ``linear`` (then it was eliminated), and else how often it
         was ``solved``, in how many iterations (``mean_iterations``, ``most_iterations``).
+    ended_by : str, default ""
+        The condition at which the run ended, ``stop_when``; empty where it went on to its end.
 
     Examples
     --------
@@ -77,6 +79,7 @@ class Run(SignalViews):
     complete: bool = True
     events: tuple[Any, ...] = attrs.field(repr=False, default=())
     loops: tuple[Any, ...] = attrs.field(repr=False, default=())
+    ended_by: str = ""
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A signal by name. Raises RunError with the near miss."""

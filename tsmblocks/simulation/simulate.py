@@ -20,6 +20,7 @@ from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
 from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
+from tsmblocks.simulation.stop_condition import Ended, run_until, stop_condition, watched
 
 
 def simulate(
@@ -37,6 +38,7 @@ def simulate(
     every: int = 1,
     progress: Callable[[float], None] | None = None,
     locate: bool = False,
+    stop_when: str | None = None,
     backend: str = "",
     loops: str = SOLVE,
 ) -> Run:
@@ -78,6 +80,11 @@ def simulate(
         Locate the instants at which limits, signs and comparisons switch, and end a part of a step at each, so that the
         method keeps its order across kinks and jumps; ``run.events`` lists them. It is of use where errors below about
         1e-5 matter. Rounding is not located. In a sliding mode steps are taken as without it, with a SlidingWarning.
+    stop_when : str, optional
+        Comparison of signals, such as ``"x > 1"`` or ``"abs(u) > 23.9 or y < 0"``: the run ends where it becomes true,
+        ``run.ended_by`` is then the text. Its last instant lies within the step, with the accuracy of the method; with
+        sampled blocks or transport delays it is the first step at which the condition holds. By default that of the
+        diagram's file; ``""`` for none.
     backend : {"", "llvm", "casadi"}
         Machine code or CasADi's evaluator; by default machine code where llvmlite is installed.
     loops : {"solve", "refuse"}
@@ -95,11 +102,11 @@ def simulate(
         run up to there.
     RunError
         For times, a method, an initial state or a pattern that is not possible, and for ``locate`` with a
-        transport delay.
+        transport delay. Also where ``stop_when`` holds at the start.
     DataError
         For missing, unknown or unsuitable inputs.
     ParameterError
-        For an unknown parameter or a value out of its bounds.
+        For an unknown parameter or a value out of its bounds, and for a ``stop_when`` that is no comparison of signals.
     DiagramError
         For a diagram that cannot be compiled.
 
@@ -121,7 +128,8 @@ def simulate(
     times = options.times
     as_callback(progress, "the fraction done")
     eq = equations(diagram, loops=loops)
-    chosen, names = logged_signals(eq, log, times)
+    condition = stop_condition(eq, text) if (text := _stop_when(stop_when, diagram)) else None
+    chosen, names = logged_signals(eq, log, times, condition.signals if condition else ())
     rule, p = options.rule, parameter_vector(eq, diagram)
     kernel, h = single_kernel(eq, rule, chosen, backend), times.h
     if isinstance(initial, SavedState):  # instants are counted from the start of the run that is continued
@@ -137,8 +145,12 @@ def simulate(
     warn_of_fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
     if locate:
         session = locating(session, backend)
-    rows, stopped = session.run(times.steps, progress)
-    run = _result(diagram.title, session, names, rows, p, k, stopped is None)
+    if condition is None:
+        rows, stopped = session.run(times.steps, progress)
+        ended = Ended(rows, session, stopped)
+    else:
+        ended = run_until(session, times.steps, watched(eq, condition, chosen), progress)
+    stopped, run = ended.stopped, _result(ended, names, p, k, origin, h, text)
     if stopped is None or stopped.interrupted:
         return run
     last = Session(eq, kernel, stopped.memory, signals, origin, h, 1, stopped.k, hits)
@@ -147,24 +159,35 @@ def simulate(
     raise error
 
 
+def _stop_when(given: str | None, diagram: Diagram) -> str:
+    """The condition that ends a run: the one given, else that of the diagram's file; ``""`` for none."""
+    return diagram.simulation.stop_when if given is None else given
+
+
 def _result(
-    title: str, session: Session, names: tuple[str, ...], rows: np.ndarray, p: np.ndarray, k: int, complete: bool
+    ended: Ended, names: tuple[str, ...], p: np.ndarray, k: int, origin: float, h: float, condition: str
 ) -> Run:
-    """The run so far, from step ``k`` on."""
-    eq, start, h = session.eq, session.start, session.h
+    """The run so far, from step ``k`` on; instants are counted from ``origin`` [s]."""
+    session, eq = ended.session, ended.session.eq
     first = -(-k // session.every) * session.every  # the first logged instant: a multiple of ``every``, not before k
+    t = origin + h * (first + session.every * np.arange(len(ended.rows)))
+    state = SavedState(session.memory, session.k, origin, h, memory_names(eq))
+    if ended.at is not None:
+        t[-1] = ended.at
+        state = state if session.h == h else attrs.evolve(state, k=0, start=ended.at)
     return Run(
-        title=title,
-        t=start + h * (first + session.every * np.arange(len(rows))),
-        rows=rows,
+        title=eq.title,
+        t=t,
+        rows=ended.rows,
         names=names,
         aliases=eq.aliases,
         units=eq.units,
         parameters=dict(zip(eq.p, p, strict=True)),
         step=h,
         method=session.kernel.plan.method.name,
-        state=SavedState(session.memory, session.k, start, h, memory_names(eq)),
-        complete=complete,
-        events=tuple(e for e in session.events if e.t <= start + session.k * h),
+        state=state,
+        complete=ended.stopped is None,
+        events=tuple(e for e in session.events if e.t <= state.t),
+        ended_by=condition if ended.at is not None else "",
         loops=reports(eq.loops, session.kernel.loop_statistics(session.memory)),
     )
