@@ -159,7 +159,7 @@ def _jacobian_at(
     q = np.tile([*np.zeros(DELAY_SAMPLES), start, 1 / h, 0.0], len(eq.q))
     whole = whole or len(eq.x) <= MOST_STATES
     values = function_values(_jacobian(eq, whole), np.float64(start), x, d, u, q, p)[0]
-    return values.reshape(len(eq.x), -1, order="F") if whole else values
+    return values.reshape((len(eq.x), len(eq.x)), order="F") if whole else values
 
 
 @functools.lru_cache(maxsize=64)
