@@ -607,3 +607,17 @@ def test_a_play_at_its_bound_is_followed_to_one_side():
     assert jacobian.is_finite.all()
     _, secants = problem.jacobian(problem.unknowns.start, np.array([1e-4, 1e-4]))
     assert secants.is_finite.all()
+
+
+def test_a_number_per_second_of_a_port_has_a_unit_that_can_be_read():
+    """The integral of an acceleration is a speed, and not m/s^2*s, which could be read in two ways."""
+    diagram = tsm.Diagram(
+        blocks={"speed": Integrator(), "position": Integrator(), "gain": Gain(gain=1.0)},
+        wires=["gain -> speed -> position"],
+        inputs={"a": tsm.Inlet(["gain.u"], unit="m/s^2")},
+        outputs={"x": "position"},
+    )
+    made = record(units={"a": "m/s^2", "x": "m"}, a=np.sin(T), x=T - np.sin(T))
+    problem, _ = pose(diagram, made, start_states=True)
+    units_of = {item.parameter: item.unit for item in problem.unknowns.items}
+    assert (units_of["speed.integral"], units_of["position.integral"]) == ("m/s", "m")

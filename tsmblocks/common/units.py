@@ -216,6 +216,8 @@ def times(label: str, power_of: str, exponent: int = 1) -> str:
         return power_of if exponent == 1 else f"1/{power_of}"
     if exponent == 1:
         over, slash, under = label.partition("/")
+        if match := re.fullmatch(rf"{re.escape(power_of)}\^(\d+)", under):
+            return f"{over}/{power_of}" + (f"^{int(match[1]) - 1}" if int(match[1]) > 2 else "")
         return label.removesuffix(f"/{power_of}") if under == power_of else f"{over}*{power_of}{slash}{under}"
     if label.endswith(f"*{power_of}"):
         return label.removesuffix(f"*{power_of}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common import arguments
+from tsmblocks.common import arguments, units
 from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.fitting.constraints import Constraint, Ties
 from tsmblocks.model.block import Field, is_reference, leaves
@@ -419,4 +420,7 @@ def _unit_of_port(name: str, diagram: Diagram, fields: list[Field]) -> str:
         return ""
     alike = [port for port, spec in ports.items() if spec.unit == f"?{shared[1]}"]
     unit = next((unit for port in alike if (unit := diagram.unit(".".join([*way, port])))), "")
-    return unit + shared[2] if unit else ""
+    for sign, base, power in re.findall(r"([*/])(\w+)(?:\^(\d+))?", shared[2] if unit else ""):
+        for _ in range(int(power or 1)):
+            unit = units.times(unit, base, 1 if sign == "*" else -1)
+    return unit
