@@ -3,6 +3,7 @@
 import itertools
 import math
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,11 +14,12 @@ from scipy import linalg, signal, stats
 import tsmblocks as tsm
 from tests.tolerances import EXACT
 from tsmblocks.common.errors import DataError
-from tsmblocks.fitting.identifiability import _Wording, sizes, undetermined
+from tsmblocks.fitting.identifiability import UNCERTAIN, Undetermined, _Wording, sizes, undetermined
 from tsmblocks.fitting.inner_products import product
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.noise_model import FEWEST, ARModel, LagProducts, best_order, fast_length, noise_models
 from tsmblocks.fitting.statistics import autocorrelation, correlation, intervals, uncertainty
+from tsmblocks.fitting.text import cautions
 
 SLOW_NEEDS = ["fitting"]
 
@@ -671,3 +673,16 @@ def test_very_many_combinations_are_told_without_trying_all_ways_to_write_them()
     known = uncertainty(J, r)
     found = undetermined(J, r, [f"k{i}" for i in range(60)], np.ones(60), known)
     assert len(found) == 40
+
+
+def test_initial_states_of_many_experiments_that_are_hardly_determined_are_one_remark():
+    """A recording in pieces has hundreds of them."""
+    names = ("gain", *(f"motor.speed@r1#{k}" for k in range(60)))
+    found = tuple(Undetermined(UNCERTAIN, (name,), (1.0,), 0.0, f"{name} is hardly determined.") for name in names)
+    fit = SimpleNamespace(
+        agreeing=2, searches=(1, 2), undetermined=found, active=(), correlation=np.eye(61), names=names, notes=()
+    )
+    first, second = cautions(fit)
+    assert first == "gain is hardly determined."
+    assert second.startswith("motor.speed in 60 experiments (r1#0, r1#1")
+    assert second.endswith("is hardly determined: an interval is wider than the value or its bounds.")

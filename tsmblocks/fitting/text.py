@@ -89,7 +89,12 @@ def cautions(fit: Fit) -> list[str]:
         where = "there" if all(name not in silent for name in names) else "in these experiments"
         verb = "has" if len(names) == 1 else "have"
         said.append(f"{listed(names, len(names))} {verb} no influence on the outputs {where}.")
-    said += [u.words for u in fit.undetermined if u.kind != NO_INFLUENCE]
+    said += [u.words for u in fit.undetermined if u.kind not in (NO_INFLUENCE, UNCERTAIN)]
+    uncertain = {u.names[0]: u.words for u in fit.undetermined if u.kind == UNCERTAIN}
+    for name in dict.fromkeys(_gathered([(name,) for name in uncertain])):
+        said.append(
+            uncertain.get(name, f"{name} is hardly determined: an interval is wider than the value or its bounds.")
+        )
     said += [f"{name[0].upper()}{name[1:]} holds the result." for name in fit.active]
     pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= {*u.names} for u in fit.undetermined)]
     strongest: dict[str, float] = {}
