@@ -156,6 +156,15 @@ def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
     assert verdict_text.next_steps(NAMED) == []
 
 
+def test_an_experiment_whose_error_is_far_from_all_others_is_looked_at_alone():
+    (gap,) = NONE.gaps
+    some = {"a": (0.1,), "b": (0.12,), "c": (0.33,)}
+    (step,) = verdict_text.next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=some),)))
+    assert step.startswith("Look at c alone: its error of x_out is 3.0 times that of the other experiments, so")
+    for calm in ({"a": (0.1,), "c": (0.33,)}, {**some, "c": (0.17,)}, {**some, "b": (0.3,)}):
+        assert verdict_text.next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=calm),))) == []
+
+
 def test_several_segments_are_told_apart_with_those_that_miss_something_first():
     motor = attrs.evolve(NONE, name="r -> u, x_in", inputs=("r",), outputs=("u", "x_in"))
     text = str(diagnosis(motor, NAMED))

@@ -14,6 +14,9 @@ WEAK_EXCESS = 0.05
 """Excess [noise variances] that is reported even where no effect is named. Chosen: as for naming one."""
 REMAINING_ERROR_RATIO = 1.1
 """Held-out rms over the noise floor from which a remaining error is reported. Chosen."""
+MIN_OTHERS, ODD_RATIO = 2, 1.5
+"""Number of other experiments at least, and error over the largest of theirs, from which one stands out. Chosen: noise
+of one sensor varies by less."""
 MAX_MEANINGFUL_SHARE = 10.0
 """Share of the excess above which the excess was too small for a share to have a meaning. Chosen."""
 
@@ -66,21 +69,39 @@ def next_steps(segment: Segment) -> list[str]:
     given = all(gap.given for gap in segment.gaps)
     repeat = "Record the same motion twice: a model error comes back, noise does not."
     floor = "Give the noise of the sensor (noise_floor), from a recording at rest or from its data sheet."
+    alone = [] if segment.verdict == "named" and segment.complete else _odd_experiments(segment)
     if segment.verdict == "none":
-        return [repeat, *([] if given else [floor])] if _slow_noise(segment) else []
+        return [*alone, *([repeat, *([] if given else [floor])] if _slow_noise(segment) else [])]
     if segment.complete:
         return []
     if segment.irregular:
         return [
+            *alone,
             repeat,
             *([] if given else [floor]),
             "If it does not come back: record what else may act (a load, a second input, the temperature, a supply).",
         ]
     return [
+        *alone,
         "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare.",
         "Record more of the motion along which the error is predicted; it then shows its shape.",
         "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
     ]
+
+
+def _odd_experiments(segment: Segment) -> list[str]:
+    """An experiment whose error is far from that of all others: something may have happened in it alone."""
+    steps = []
+    for gap in segment.gaps:
+        rms = {name: errors[-1] for name, errors in gap.experiments.items()}
+        odd = max(rms, key=lambda name: rms[name], default="")
+        others = [value for name, value in rms.items() if name != odd]
+        if len(others) >= MIN_OTHERS and rms[odd] > ODD_RATIO * max(others):
+            steps.append(
+                f"Look at {odd} alone: its error of {gap.output} is {rms[odd] / np.median(others):.1f} times that of the "
+                "other experiments, so something may have changed in it (a parameter, a load, a sensor)."
+            )
+    return steps
 
 
 def _implausible_floor(segment: Segment) -> str:
