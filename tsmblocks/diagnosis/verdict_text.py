@@ -97,9 +97,10 @@ def _odd_experiments(segment: Segment) -> list[str]:
         odd = max(rms, key=lambda name: rms[name], default="")
         others = [value for name, value in rms.items() if name != odd]
         if len(others) >= MIN_OTHERS and rms[odd] > ODD_RATIO * max(others):
+            ratio = rms[odd] / np.median(others)
             steps.append(
-                f"Look at {odd} alone: its error of {gap.output} is {rms[odd] / np.median(others):.1f} times that of the "
-                "other experiments, so something may have changed in it (a parameter, a load, a sensor)."
+                f"Look at {odd} alone: its error of {gap.output} is {ratio:.1f} times that of the other experiments, "
+                "so something may have changed in it (a parameter, a load, a sensor)."
             )
     return steps
 
