@@ -187,7 +187,7 @@ def placed(effect: Effect) -> Placed:
     site = next((s for s in _sites(base) if s.place == effect.place), None)
     if site is None:
         raise TsmError(f"there is no place '{effect.place}' in the diagram {plant}.")
-    trials = effect.trials(_scales(base, site))
+    trials = effect.trials(attrs.evolve(_scales(base, site), one_clock=not effect.local))
     if trials is None:
         raise TsmError(f"effect {effect.name} has nothing to try in the diagram {plant}.")
     sizes = {**trials.shapes[len(trials.shapes) // 2], **trials.strengths}
