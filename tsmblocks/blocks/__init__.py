@@ -62,6 +62,10 @@ from tsmblocks.blocks.linear import FilteredDerivative as FilteredDerivative
 from tsmblocks.blocks.linear import FirstOrderLag as FirstOrderLag
 from tsmblocks.blocks.linear import Integrator as Integrator
 from tsmblocks.blocks.linear import SecondOrderLag as SecondOrderLag
+from tsmblocks.blocks.logic import Comparison as Comparison
+from tsmblocks.blocks.logic import Logic as Logic
+from tsmblocks.blocks.logic import StateMachine as StateMachine
+from tsmblocks.blocks.logic import TriggeredHold as TriggeredHold
 from tsmblocks.blocks.loops import LoopAsymmetry as LoopAsymmetry
 from tsmblocks.blocks.loops import LoopChange as LoopChange
 from tsmblocks.blocks.loops import NonlocalMemory as NonlocalMemory

@@ -18,8 +18,9 @@ class Integrator(Block):
 
     .. math:: \dot z = K u \text{ unless it leads past a limit}, \qquad y = \min(\max(z, l), h)
 
-    With ``reset=True`` there is a port ``reset``: where it is above 0.5 at the start of a step, the
-    integral is set to its initial state.
+    With ``reset=True`` there is a port ``reset``: where it is above 0.5 at the start of a step (with ``locate=True`` at
+    the instant itself) the integral is set to its initial state, with ``target=True`` to the value at the port ``to``.
+    With ``enable=True`` there is a port ``enable``: at 0.5 and below the integral is held.
     """
 
     source = "definition"
@@ -29,6 +30,8 @@ class Integrator(Block):
     low: float = parameter(default=-math.inf, about="smallest output", unit="?u*s", finite=False)
     high: float = parameter(default=math.inf, about="largest output", unit="?u*s", finite=False)
     reset: bool = option(default=False, about="whether there is a port that sets the integral back")
+    target: bool = option(default=False, about="whether a port gives the value to which it is set back")
+    enable: bool = option(default=False, about="whether there is a port that holds the integral while it is off")
     unit: str = option(default="", about="unit of the output when the gain brings one; empty means the input's times s")
 
     u = Input("any signal", unit="?u")
@@ -37,6 +40,8 @@ class Integrator(Block):
 
     def check(self) -> None:
         check_limits(self)
+        if self.target and not self.reset:
+            raise ParameterError("Integrator: target=True gives the value of a reset, so it needs reset=True.")
         if not self.low <= self.integral <= self.high:
             raise ParameterError(
                 f"Integrator.integral must start within its limits, {self.low:g} to {self.high:g}, "
@@ -46,15 +51,23 @@ class Integrator(Block):
     @property
     def inports(self) -> dict[str, Input]:
         more = {"reset": Input("above 0.5 sets the integral back")} if self.reset else {}
-        return {**super().inports, **more}
+        if self.target:
+            more["to"] = Input("value to which the integral is set back", unit="?u*s", unit_option="unit")
+        if self.enable:
+            more["enable"] = Input("at 0.5 and below the integral is held")
+        return {**{k: self._in_unit(p) for k, p in {**super().inports, **more}.items()}}
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         rate = self.gain * u.u
+        if self.enable:
+            rate = ca.if_else(u.enable > 0.5, rate, 0.0)
         above_low = ca.if_else(x.integral <= self.low, ca.fmax(rate, 0.0), rate)
         return dict(integral=ca.if_else(x.integral >= self.high, ca.fmin(rate, 0.0), above_low))
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        return dict(integral=ca.if_else(u.reset > 0.5, self.integral, x.integral)) if self.reset else {}
+        if not self.reset:
+            return {}
+        return dict(integral=ca.if_else(u.reset > 0.5, u.to if self.target else self.integral, x.integral))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=limited(self, x.integral))

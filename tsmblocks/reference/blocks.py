@@ -27,6 +27,7 @@ FAMILY_WORDS = {
     "arithmetic": "Operations on signals at one instant.",
     "linear": "Lags, integrators, delays and transfer functions in continuous time.",
     "limits": "Limits, dead zones, relays, rounding and tables.",
+    "logic": "Comparisons, logic operations, and modes.",
     "friction": "Forces that resist a motion, as functions of its rate and its history.",
     "hysteresis": "Transmissions with memory: the paper's models, play, and similar ones.",
     "control": "Controllers, and the paper's observer and compensator.",
