@@ -21,7 +21,7 @@ from tsmblocks.blocks import (
     UnitDelay,
     ZeroOrderHold,
 )
-from tsmblocks.common.errors import DataError, NotFinite, RunError
+from tsmblocks.common.errors import DataError, NotFinite, ParameterError, RunError
 from tsmblocks.model.block import Block, Input, Output, Samples, block, state
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.simulation.batch import simulate_batch
@@ -585,3 +585,19 @@ def a_stepper_that_leaves_the_finite():
 @mistake(DataError, "input 'u' must be a finite number, got nan.")
 def a_stepper_given_what_is_not_a_number():
     Stepper(plant()).step({"u": float("nan")})
+
+
+@mistake(RunError, "'plant': stop_when 'x > -1' holds at the start.")
+def a_run_that_would_end_where_it_begins():
+    simulate(plant(), inputs={"u": 1.0}, stop_when="x > -1")
+
+
+@mistake(
+    ParameterError,
+    """
+stop_when: a comparison is wanted here, such as x > 1.
+    x - 1
+    ^^^^^""",
+)
+def a_condition_that_compares_nothing():
+    simulate(plant(), inputs={"u": 1.0}, stop_when="x - 1")
