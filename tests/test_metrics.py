@@ -242,3 +242,16 @@ def test_a_unit_that_does_not_fit():
 def test_whatever_is_written_either_reads_or_is_refused(text):
     with contextlib.suppress(ParameterError):
         assert isinstance(metric(text, UNITS), Metric)
+
+
+def test_time_in_a_metric():
+    """The integral of time-weighted absolute error, in closed form for an exponential."""
+    t = np.linspace(0.0, 20.0, 20_001)
+    one = metric("integral(t * abs(e))", {"e": "rad"})
+    assert one.signals == ("e",)
+    assert one(t, {"e": -np.exp(-t)}) == pytest.approx(1.0, abs=1e-5)
+    several = np.column_stack([np.exp(-t), 2 * np.exp(-t)])
+    assert one(t, {"e": several}) == pytest.approx([1.0, 2.0], abs=1e-5)
+    assert metric("integral(t * e)", {"e": "rad", "t": "K"}).signals == ("t", "e")  # a signal of that name comes first
+    with pytest.raises(ParameterError, match="there is no signal in this"):
+        metric("integral(t)", {"e": "rad"})

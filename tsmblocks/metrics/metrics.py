@@ -23,6 +23,8 @@ from tsmblocks.common.errors import DataError, ParameterError, RunError, clip, i
 from tsmblocks.metrics.expressions import FUNCTIONS, Expression, Reader, finite_or_none, name_in, reader
 from tsmblocks.metrics.reductions import DIMENSIONLESS, OTHER_NAMES, REDUCTIONS
 
+TIME = "t"
+"""Name of the time [s] in a metric, where no signal has it."""
 EXAMPLE = "Write for example 'rms(x_ref - x_out)'."
 DEFAULT_METRICS = {
     "peak-to-peak error": "peak_to_peak(x_ref - x_out)",
@@ -63,7 +65,8 @@ class Metric:
     """One number of a run, as it was written in ``text``, shown as ``name`` in ``unit`` (``""`` where none is known).
 
     ``outer`` is arithmetic of the ``parts``, named ``#0``, ``#1``, … there; ``factor`` converts its value to
-    ``unit``. ``given_name`` is the name as it was given: ``"error [deg]"`` of a metric called ``"error"``.
+    ``unit``. ``given_name`` is the name as it was given: ``"error [deg]"`` of a metric called ``"error"``. Where it is
+    ``timed``, ``TIME`` in it is the time, and no signal.
     """
 
     name: str
@@ -73,11 +76,13 @@ class Metric:
     parts: tuple[Part, ...]
     factor: float = 1.0
     given_name: str = ""
+    timed: bool = False
 
     @property
     def signals(self) -> tuple[str, ...]:
         """Names of the signals it needs."""
-        return tuple(dict.fromkeys(name for part in self.parts for name in part.expression.names))
+        names = (name for part in self.parts for name in part.expression.names)
+        return tuple(dict.fromkeys(name for name in names if not (self.timed and name == TIME)))
 
     def __call__(self, t: np.ndarray, signals: Any) -> Any:
         """The number for signals of shape (N,), or one for each run, shape (runs,), for signals of shape (N, runs).
@@ -87,6 +92,8 @@ class Metric:
         """
         given = {k: np.asarray(signals[k], dtype=float) for k in self.signals}
         wide = {k: v.reshape(len(t), -1) for k, v in given.items()}
+        if self.timed:
+            wide[TIME] = np.asarray(t, dtype=float).reshape(-1, 1)
         found = {f"#{k}": part.value(self.name, np.asarray(t), wide) for k, part in enumerate(self.parts)}
         made = self.factor * self.outer.of_arrays(found)
         return float(made[0]) if all(v.ndim == 1 for v in given.values()) else made
@@ -95,17 +102,20 @@ class Metric:
 def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
     """Read a metric such as ``"rms(x_ref - x_out)"`` or ``"share(abs(u) > 23.9)"``.
 
-    ``signals`` maps the signals that may be named to their units (``""`` where unknown). Every reduction takes
-    ``after=`` and ``before=`` [s]; which there are is in ``reductions.REDUCTIONS``. A ``name`` such as
-    ``"error [deg]"`` states the unit of the result as well. Raises ParameterError for anything else, for unknown
-    names, and for signals added up in different units; UnitError for a unit that does not fit.
+    ``signals`` maps the signals that may be named to their units (``""`` where unknown); ``t`` is the time in s unless
+    a signal has that name. Every reduction takes ``after=`` and ``before=`` [s]; which there are is in
+    ``reductions.REDUCTIONS``. A ``name`` such as ``"error [deg]"`` states the unit of the result as well. Raises
+    ParameterError for anything else, for unknown names, and for signals added up in different units; UnitError for a
+    unit that does not fit.
     """
     given_name, (name, wanted) = name, named(name)
+    timed = not any(one.rpartition(".")[2] == TIME for one in signals)
+    signals = {**signals, TIME: "s"} if timed else signals
     if not name.isprintable() or name == "run":
         why = "the number of a run has that name" if name == "run" else "it cannot be printed"
         raise ParameterError(f"no metric can be called {in_words(name)}: {why}.")
     read = reader(f"metric '{clip(name, 40)}'" if name else "metric", text, list(signals), "signal")
-    split = _Split(read, signals)
+    split = _Split(read, signals, timed)
     tree = split.outer(read.tree)
     if not split.parts:
         read.refuse(f"this makes no number of a signal. {EXAMPLE}")
@@ -120,7 +130,7 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
     except units.UnitError as error:
         raise units.UnitError(f"{read.what}: {error}") from None
     parts, outer = tuple(split.parts), inner.read(tree)
-    return Metric(name or read.text, read.text, wanted or unit, outer, parts, factor, given_name or read.text)
+    return Metric(name or read.text, read.text, wanted or unit, outer, parts, factor, given_name or read.text, timed)
 
 
 def named(text: str) -> tuple[str, str]:
@@ -221,6 +231,7 @@ class _Split:
 
     read: Reader
     signals: Mapping[str, str]
+    timed: bool
     parts: list[Part] = attrs.Factory(list)
     units: dict[str, str] = attrs.Factory(dict)
 
@@ -245,7 +256,7 @@ class _Split:
     def _call(self, node: ast.Call) -> ast.expr:
         name = name_in(node.func) or ""
         if name in REDUCTIONS:
-            self.parts.append(_part(self.read, node, name))
+            self.parts.append(_part(self.read, node, name, self.timed))
             mark = f"#{len(self.parts) - 1}"
             inside = unit_of_expression(self.read, self.parts[-1].expression.tree, self.signals)
             self.units[mark] = REDUCTIONS[name].unit_of(inside)
@@ -256,7 +267,7 @@ class _Split:
         return ast.Call(node.func, [self.outer(a) for a in node.args], node.keywords)
 
 
-def _part(read: Reader, node: ast.Call, name: str) -> Part:
+def _part(read: Reader, node: ast.Call, name: str, timed: bool) -> Part:
     """The reduction ``name`` as it is called at ``node``. Raises ParameterError for wrong arguments."""
     first, numbers = "comparison" if name == "share" else "signal", REDUCTIONS[name].numbers
     given = {k.arg: k.value for k in node.keywords}
@@ -270,7 +281,7 @@ def _part(read: Reader, node: ast.Call, name: str) -> Part:
     if isinstance(signal, ast.Compare) != (name == "share"):
         read.refuse(f"{name} takes a {first}{', such as abs(u) > 23.9' if name == 'share' else ''}.", signal)
     expression = read.read(margin_of_comparison(read, signal) if isinstance(signal, ast.Compare) else signal)
-    if not expression.names:
+    if not {*expression.names} - ({TIME} if timed else set()):
         read.refuse(f"there is no signal in this. {EXAMPLE}", signal)
     window = {k: _constant(read, value) for k, value in given.items() if k}
     return Part(name, expression, tuple(_constant(read, one) for one in others), **window)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.common.errors import ParameterError
-from tsmblocks.metrics.metrics import Metric, Part
+from tsmblocks.metrics.metrics import TIME, Metric, Part
 
 Array = np.ndarray
 Differentiated = tuple[float, Array]
@@ -87,6 +87,23 @@ def _overshoot(e: Array, t: Array, smoothing: float, target: float) -> Different
     return max(value, 0.0), w * (value > 0)
 
 
+def _settling_time(e: Array, t: Array, _: float, band: float) -> Differentiated:
+    """The instant at which the magnitude enters the band for good, between two samples; beyond the end of a run that
+    ends outside, by as much more as its end is larger than the band.
+    """
+    size, w = np.abs(e), np.zeros(len(e))
+    outside = np.flatnonzero(size > band)
+    if not len(outside):
+        return 0.0, w
+    k, span = int(outside[-1]), float(t[-1] - t[0])
+    if k == len(e) - 1:
+        w[k] = span * np.sign(e[k]) / max(band, 1e-300)
+        return span * float(size[k]) / max(band, 1e-300), w
+    step, fall, above = t[k + 1] - t[k], size[k] - size[k + 1], size[k] - band
+    w[k : k + 2] = step / fall**2 * np.array([fall - above, above]) * np.sign(e[k : k + 2])
+    return float(t[k] + step * above / fall - t[0]), w
+
+
 SMOOTH_REDUCTIONS: Mapping[str, Callable[..., Differentiated]] = {
     "peak_to_peak": _peak_to_peak,
     "rms": _rms,
@@ -99,6 +116,7 @@ SMOOTH_REDUCTIONS: Mapping[str, Callable[..., Differentiated]] = {
     "variation": _variation,
     "share": _share,
     "overshoot": _overshoot,
+    "settling_time": _settling_time,
 }
 """Differentiable reductions, as functions of (signal, instants, smoothing, further arguments)."""
 SMOOTHED_REDUCTIONS = ("share", "highest", "lowest", "largest", "peak_to_peak", "overshoot")
@@ -173,6 +191,9 @@ class DifferentiableMetric:
         self, t: Array, signals: Mapping[str, Array], derivatives: Mapping[str, Array], smoothing: float
     ) -> tuple[Array, Array]:
         """Values (m,) and derivatives (m, p), from signals (N,) and their derivatives (N, p)."""
+        if self.metric.timed:
+            signals = {**signals, TIME: t}
+            derivatives = {**derivatives, TIME: np.zeros_like(next(iter(derivatives.values())))}
         values, gradients = [], []
         for argument in self.arguments:
             kept, e, rows = argument(t, signals, derivatives)
