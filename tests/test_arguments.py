@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsmblocks.blocks import FirstOrderLag, Gain, Sine, StateSpace
-from tsmblocks.common.errors import DataError
+from tsmblocks.common.errors import DataError, RunError
 from tsmblocks.data import Record
 from tsmblocks.model.block import Samples
 from tsmblocks.model.diagram import Diagram, Inlet
@@ -139,3 +139,9 @@ def test_one_name_need_not_be_a_list(tmp_path):
     assert run.save(tmp_path / "one.csv", "ref.y").read_text().splitlines()[0] == "t [s],ref.y"
     found = sensitivities(SINE, "k.gain", outputs="y", stop=0.01)
     assert found.jacobian[:, 0, 0] == pytest.approx(run["ref.y"])
+
+
+def test_a_method_that_is_no_text():
+    d = Diagram(title="lag", blocks=dict(s=Sine(), lag=FirstOrderLag()), wires=["s -> lag"])
+    with pytest.raises(RunError, match=r"there is no method '\['rk4'\]'"):
+        simulate(d, stop=0.1, method=["rk4"])

@@ -1,5 +1,6 @@
 """L-stable methods: their order, stiff problems against Radau, and the same on every way to run."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -22,6 +23,7 @@ from tsmblocks.blocks import (
     Step,
     Sum,
     Tanh,
+    ZeroOrderHold,
 )
 from tsmblocks.common.errors import NotFinite
 from tsmblocks.engine.methods import METHODS
@@ -243,3 +245,21 @@ def test_a_step_without_a_solution_says_where(backend):
         "without one; make it continuous, or take a shorter step."
     )
     assert caught.value.block == "i"
+
+
+@pytest.mark.parametrize("method", ["sdirk2", "sdirk3", "sdirk4"])
+def test_a_loop_at_samples_alone_goes_with_an_implicit_method(method):
+    """A held signal that feeds the sine of itself back: solved at samples, and nothing between them."""
+
+    @tsm.function_block(register=False)
+    def bent(u, v):
+        return 0.3 * ca.sin(u) + v
+
+    d = tsm.Diagram(
+        title="held",
+        blocks=dict(r=Sine(), b=bent(), hold=ZeroOrderHold(period=0.03), lag=FirstOrderLag(time_constant=0.1)),
+        wires=["r -> b.v", "b -> hold -> b.u", "hold -> lag"],
+    )
+    run, wanted = (tsm.simulate(d, stop=0.6, step=0.01, method=one) for one in (method, "rk4"))
+    assert run["hold.y"] == pytest.approx(wanted["hold.y"], abs=1e-13)
+    assert run["lag.y"] == pytest.approx(wanted["lag.y"], abs=1e-4)

@@ -54,6 +54,39 @@ class Square(Block):
 
 
 @block(register=False)
+class Orifice(Block):
+    """y = sign(u) sqrt(|u|), whose derivative at 0 is infinite."""
+
+    u = Input("input")
+    y = Output("output")
+
+    def outputs(self, t, x, u):
+        return dict(y=ca.sign(u.u) * ca.sqrt(ca.fabs(u.u)))
+
+
+@block(register=False)
+class Root(Block):
+    """y = sqrt(u)."""
+
+    u = Input("input")
+    y = Output("output")
+
+    def outputs(self, t, x, u):
+        return dict(y=ca.sqrt(u.u))
+
+
+@block(register=False)
+class Unless(Block):
+    """y = 1 unless u is 0: a constant derivative, and yet not linear."""
+
+    u = Input("input")
+    y = Output("output")
+
+    def outputs(self, t, x, u):
+        return dict(y=ca.if_else(u.u, 1.0, 0.0))
+
+
+@block(register=False)
 class Sign(Block):
     """y = sign(u)."""
 
@@ -111,6 +144,34 @@ def test_loops_with_a_kink_or_a_curve_follow_their_closed_forms(backend, locate)
     assert run["y"] == pytest.approx(np.where(abs(u) < 0.8, u / 2, u - 0.4 * np.sign(u)), abs=1e-14)
     run = tsm.simulate(ring(Cubic()), stop=1.0, backend=backend, locate=locate)
     assert run["y"] == pytest.approx(cardano(run["ref.y"]), abs=1e-14)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_condition_on_the_signal_itself_is_not_linear(backend):
+    """e + (1 unless e is 0) = 3."""
+    run = tsm.simulate(ring(Unless(), ref=Ramp(slope=0.0, initial=3.0)), stop=0.1, step=0.01, backend=backend)
+    assert run["y"] == pytest.approx(2.0)
+    assert not run.loops[0].linear
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_loop_is_not_solved_where_its_derivative_is_infinite(backend):
+    """From 0, where a square root is infinitely steep, Newton's correction is 0 though e + sqrt(e) is not 3."""
+    run = tsm.simulate(ring(Root(), ref=Ramp(slope=0.0, initial=3.0)), stop=0.1, step=0.01, backend=backend)
+    assert run["y"] == pytest.approx(((np.sqrt(13.0) - 1) / 2) ** 2, rel=1e-12)
+
+
+def orifice(u):
+    """The root of e + sign(e) sqrt(|e|) = u."""
+    return np.sign(u) * ((np.sqrt(1 + 4 * abs(u)) - 1) / 2) ** 2
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("height", [1e-3, 1.0, 1e5])
+def test_a_loop_with_an_orifice_passes_through_zero(backend, height):
+    d = ring(Orifice(), ref=Sine(amplitude=height, frequency=0.7))
+    run = tsm.simulate(d, stop=2.0, step=0.01, backend=backend)
+    assert run["y"] == pytest.approx(orifice(run["ref.y"]), rel=1e-7, abs=1e-13)
 
 
 def test_a_loop_through_a_product_has_a_coefficient_that_changes():
@@ -341,7 +402,7 @@ def test_a_large_diagram_with_many_loops():
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", [Cubic, Gain, Saturation])
+@pytest.mark.parametrize("kind", [Cubic, Gain, Saturation, Orifice])
 def test_c_code_solves_loops(tmp_path, kind):
     d, steps = plant(kind), 400
     values = np.random.default_rng(1).normal(size=(steps, 1)).cumsum(axis=0) / 10

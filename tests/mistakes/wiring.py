@@ -694,7 +694,7 @@ def a_loop_with_a_gain_of_one():
 
 @mistake(
     NotFinite,
-    "the algebraic loop error.y -> m.y -> error.y has no solution at t = 0.26 s that Newton's method finds, from the last one and from 24 other starts. One step before: error.y = 0.5, m.y = 0.25. Something that jumps (a sign, a comparison) may leave a loop without one; break it with a block that has a state (a lag, an integrator).",
+    "the algebraic loop error.y -> m.y -> error.y has no solution at t = 0.26 s that Newton's method finds, from the last one and from 30 other starts. One step before: error.y = 0.5, m.y = 0.25. Something that jumps (a sign, a comparison) may leave a loop without one; break it with a block that has a state (a lag, an integrator).",
 )
 def a_loop_that_loses_its_solution():
     blocks = dict(ref=Ramp(), error=Sum(signs="++"), m=Product())

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from tsmblocks.engine.equations import RHS, SOLVING, UPDATE
-from tsmblocks.engine.loops import Loop, solving_function
+from tsmblocks.engine.loops import Loop, newton_correction, solving_function
 
 SINGULAR = 1e-13
 """Size of a determinant or pivot, as a share of its terms, that counts as zero. Chosen: some 500 roundings."""
@@ -49,8 +49,7 @@ class _Open:
     z: Column
     w: Column
     solver: Any
-    correction: Any
-    residual: Any
+    correction: Any  # the Newton correction, what is to be zero, and its Jacobian
 
 
 class Closure:
@@ -103,7 +102,7 @@ class Closure:
         goals = []
         for one in self._order:
             if isinstance(one, _Open):
-                goals.append(one.z + one.residual.call([one.z, known.of(one.w)])[0])
+                goals.append(one.z + one.correction.call([one.z, known.of(one.w)])[1])
             else:
                 known.add(one[0], known.of(one[1]))
         z = ca.vertcat(ca.SX(0, 1), *(one.z for one in self._open))
@@ -137,10 +136,11 @@ class Closure:
         if not z.shape[0]:
             self.loops.append(Loop(path, 0, None, self._function))
         elif ca.depends_on(jacobian, z) or not _is_smooth(f, z):
-            correction = ca.Function("correction", [z, w], [-_quotient(jacobian, f), ca.sumsqr(f)])
-            solver = solving_function(self._first + len(self._open), correction)
-            self._order.append(_Open(z, reads, solver, correction, ca.Function("residual", [z, w], [f])))
-            self.loops.append(Loop(path, z.shape[0], correction, self._function))
+            correction = ca.Function("correction", [z, w], [-_quotient(jacobian, f), f, jacobian])
+            solving = newton_correction(z, w, *correction.call([z, w]))
+            solver = solving_function(self._first + len(self._open), solving)
+            self._order.append(_Open(z, reads, solver, correction))
+            self.loops.append(Loop(path, z.shape[0], solving, self._function))
         else:
             at_zero = ca.substitute(f, z, ca.SX.zeros(*z.shape))
             self._check(jacobian, path)
@@ -282,7 +282,7 @@ def _is_smooth(f: Column, z: Column) -> bool:
             moving[outs[0]] = ins[0] == 0
         elif code != ca.OP_OUTPUT:
             depends = any(moving[j] for j in ins)
-            if depends and code not in _LINEAR:
+            if depends and (code not in _LINEAR or (code == ca.OP_IF_ELSE_ZERO and moving[ins[0]])):
                 return False
             moving |= dict.fromkeys(outs, depends)
     return True

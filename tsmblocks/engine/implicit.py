@@ -51,7 +51,8 @@ def step_map(rhs: Any, method: Method, names: tuple[str, ...], first: int) -> St
     count = len(method.instants)
     t, h, x, d, p = ca.SX.sym("t", count), ca.SX.sym("h"), *(ca.SX.sym(k, size[k]) for k in "xdp")
     u, q = (ca.SX.sym(k, count * size[k]) for k in "uq")
-    hidden = rhs.size1_in("z") if "z" in rhs.name_in() else 0
+    opened = "z" in rhs.name_in()  # empty where all loops are at samples
+    hidden = rhs.size1_in("z") if opened else 0
     tears: list[Tear] = []
     scaled: list[Any] = []  # h times the slope of each stage
     moved = ca.SX(size["x"], 1)
@@ -60,7 +61,7 @@ def step_map(rhs: Any, method: Method, names: tuple[str, ...], first: int) -> St
         base = sum((a * k for a, k in zip(row, scaled, strict=False) if a), ca.SX.zeros(size["x"]))
         moved, z = ca.SX.sym(f"x{stage}", size["x"]), ca.SX.sym(f"z{stage}", hidden)
         inputs = [v[i * size[k] : (i + 1) * size[k]] for k, v in (("u", u), ("q", q))]
-        results = rhs.call([t[i], x + moved, d, *inputs, p, *([z] if hidden else [])])
+        results = rhs.call([t[i], x + moved, d, *inputs, p, *([z] if opened else [])])
         if names:
             ends = base + h * row[stage] * results[0]
             tears += [Tear(moved[k], [name], ends[k]) for k, name in enumerate(names)]

@@ -144,7 +144,8 @@ class LoopWriter:
         zero, one = self._number(0.0), self._number(1.0)
         self._evaluate(values, [f"%c{k}" for k in n], moving=True)
         step, size = [self._result(values, 0, k) for k in n], self._result(values, 1, 0)
-        small, accepted = self._small(step, guess), self._accepted(size)
+        near = self._compare("one", self._result(values, 2, 0), zero)
+        small, accepted = self._logic("and", near, self._small(step, guess)), self._accepted(size)
         points = [(self._pick(accepted, f"%c{k}", f"%z{k}"), self._pick(accepted, step[k], f"%dz{k}")) for k in n]
         merit, share = self._pick(accepted, size, "%merit"), self._share(accepted)
         tries = w.emit(f"fadd {self.type} %tries, {one}")

@@ -15,7 +15,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-STARTS = 24
+STARTS = 30
 """Starts from which the method tries again when it fails from the last solution (``start_value``). Chosen."""
 MOST_ITERATIONS = 50
 """Corrections from one start. Chosen: Newton's method takes 3 to 10 where it converges."""
@@ -26,6 +26,9 @@ DECREASE = 0.02
 small, as usual for backtracking (Nocedal and Wright, Numerical Optimization, 3.1)."""
 TOLERANCE, FLOOR = 1e-8, 1e-12
 """Correction at which the method ends: a share of z, and its least size. The error left is of its square. Chosen."""
+RESIDUAL = 1e-5
+"""Norm of F, as a share of 1 + |z|, above which a small correction is no solution: F is steep there, as a square root
+is at 0, and not zero. Chosen: far above the rounding of F in loops with gains up to 1e9."""
 FINITE = 1e300
 """Sum of squares of F above which a start is useless. Chosen: below the overflow."""
 STATISTICS = ("solved", "iterations", "most", "failed")
@@ -38,9 +41,9 @@ NAME = "loop_"
 class Loop:
     """An algebraic loop. ``path`` are the signals around it; ``size`` the number of signals at which it is torn.
 
-    ``correction(z, w)`` gives the Newton correction and the sum of squares of F; it is None where the loop is linear
-    and was eliminated. ``function`` is the name of the function that solves it: ``rhs``, ``update`` (at samples), or
-    ``advance`` (a step of an implicit method).
+    ``correction(z, w)`` gives the Newton correction, the sum of squares of F, and whether that may count as zero (see
+    ``newton_correction``); it is None where the loop is linear and was eliminated. ``function`` is the name of the
+    function that solves it: ``rhs``, ``update`` (at samples), or ``advance`` (a step of an implicit method).
     """
 
     path: tuple[str, ...]
@@ -101,14 +104,15 @@ class LoopForms:
 
 
 def start_value(number: int, k: int) -> float:
-    """Signal k of a loop at a start: 0, 1 or -1, then numbers between them that differ, times powers of 10 up to 10^6.
+    """Signal k of a loop at a start: 0, 1 or -1, then numbers between them that differ, times 10^-6 to 10^6.
 
     Multiples of the golden ratio spread evenly (Weyl's sequence).
     """
     if number <= 3:
         return (0.0, 1.0, -1.0)[number - 1]
     share = (0.6180339887498949 * (7 * number + k)) % 1.0
-    return (2.0 * share - 1.0) * 10.0 ** ((number - 4) % 7)
+    powers = (*range(7), *range(7), *range(7), -3, -6, -3, -6, -3, -6)  # small ones last: they are seldom of use
+    return (2.0 * share - 1.0) * 10.0 ** powers[number - 4]
 
 
 def solved_loops(loops: Iterable[Loop]) -> list[Loop]:
@@ -131,6 +135,15 @@ def reports(loops: Sequence[Loop], kept: Sequence[np.ndarray]) -> tuple[LoopRepo
             solved, iterations, most, _ = next(numbers)
             made.append(LoopReport(loop.path, False, int(solved), float(iterations / max(solved, 1)), int(most)))
     return tuple(made)
+
+
+def newton_correction(z: Any, w: Any, step: Any, f: Any, jacobian: Any) -> Any:
+    """The function ``Loop.correction``. Where F' is infinite the correction is 0, but solves nothing unless F is 0."""
+    size = ca.sumsqr(f)
+    undefined = ca.logic_not(ca.sumsqr(jacobian) < np.inf)
+    step = ca.if_else(ca.logic_and(size == 0, undefined), 0, step)
+    moved = ca.logic_and(ca.mmax(ca.fabs(step)) > 0, size <= RESIDUAL**2 * (1 + ca.sumsqr(z)))
+    return ca.Function("correction", [z, w], [step, size, ca.logic_or(size <= FLOOR**2, moved)])
 
 
 def solving_function(number: int, correction: Any) -> Any:
@@ -171,8 +184,8 @@ def _iteration(correction: Any) -> Any:
     names |= {"tries": 1, "start": 1, "count": 1, "done": 1, "w": m}
     old = {k: ca.SX.sym(k, size) for k, size in names.items()}
     root, guess, c, z, dz, merit, share, tries, start, count, done, w = old.values()
-    step, size = correction.call([c, w])
-    small = ca.mmin(ca.fabs(step) <= TOLERANCE * (ca.fabs(c) + ca.fabs(guess)) + FLOOR)
+    step, size, near = correction.call([c, w])
+    small = ca.logic_and(near, ca.mmin(ca.fabs(step) <= TOLERANCE * (ca.fabs(c) + ca.fabs(guess)) + FLOOR))
     accepted = ca.logic_and(size <= (1 - DECREASE * share) * merit, size < FINITE)
     z, dz, merit = (ca.if_else(accepted, a, b) for a, b in ((c, z), (step, dz), (size, merit)))
     share = ca.if_else(accepted, ca.fmin(4 * share, 1), share / 2)

@@ -98,6 +98,6 @@ METHODS = {
 
 def method_named(name: str) -> Method:
     """The method of that name. Raises RunError with the near miss."""
-    if name not in METHODS:
-        raise RunError(f"there is no method '{name}'.{near(name, METHODS)}")
+    if not isinstance(name, str) or name not in METHODS:
+        raise RunError(f"there is no method '{name}'.{near(str(name), METHODS)}")
     return METHODS[name]

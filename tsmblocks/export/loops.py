@@ -42,8 +42,8 @@ static void {n}_loop_{number}(const double *w, double *root)
         dz[i] = 0.0;
     }}
     for (;;) {{
-        const double sum = {n}_correction_{number}(c, w, step);
-        int small = 1;
+        int small;
+        const double sum = {n}_correction_{number}(c, w, step, &small);
         for (i = 0; i < {size}; i++) {{
             small = small && fabs(step[i]) <= {tolerance} * (fabs(c[i]) + fabs(guess[i])) + {floor};
         }}
@@ -111,13 +111,14 @@ def solver_functions(name: str, loops: Sequence[Loop]) -> Iterator[str]:
 
 
 def _correction(name: str, loop: Loop) -> Iterator[str]:
-    """The Newton correction of a loop, which returns the sum of squares of what is to be zero."""
+    """The Newton correction of a loop, which returns the sum of squares of F, and whether that is near zero."""
     program = Program(loop.correction)
     goals = {f"dz[{k}]": program.outputs[0, k] for k in range(loop.size) if (0, k) in program.outputs}
-    goals["sum"] = program.outputs[1, 0]
+    goals["sum"], goals["zero"] = program.outputs[1, 0], program.outputs[2, 0]
     lines = statements(program, goals, lambda slot, index: f"{'zw'[slot]}[{index}]")
     lines += [f"    dz[{k}] = 0.0;" for k in range(loop.size) if (0, k) not in program.outputs]
     text = "\n".join(lines)
-    yield from [f"static double {name}(const double *z, const double *w, double *dz)", "{", "    double sum;"]
+    yield from [f"static double {name}(const double *z, const double *w, double *dz, int *near)", "{"]
+    yield from ["    double sum;", "    double zero;"]
     yield from (f"    (void){argument};" for argument in "zw" if not used(argument, text))
-    yield from [*lines, "    return sum;", "}", ""]
+    yield from [*lines, "    *near = zero != 0.0;", "    return sum;", "}", ""]
