@@ -249,3 +249,21 @@ def test_a_jump_of_one_and_a_half_times_its_detection_limit_is_named(kind):
     jumped = {k: r.with_signal("x_out", r["x_out"] + 1.5 * limit * (r.t > 71.0)) for k, r in records.items()}
     found = tsm.diagnose(model, jumped, effects=effects)
     assert [e.name for e in found.effects] == ["jump"]
+
+
+def test_a_load_that_steps_in_one_recording_of_a_motor_is_named_at_its_drive():
+    """Each recording begins at zero; in the second one a load of 4 mV acts from 6 s on."""
+    model, records = tsm.load("motor_linear"), {}
+    draw, t = np.random.default_rng(3), np.arange(0.0, 12.0, 0.02)
+    for k in range(3):
+        low, high = draw.uniform(0.2, 0.5), draw.uniform(0.8, 1.4)
+        drive = 3.0 * np.sin(2 * np.pi * low * t) + 2.0 * np.sin(2 * np.pi * high * t)
+        load = np.where((t > 6.0) & (k == 1), 0.004, 0.0)
+        y = tsm.simulate(model, inputs={"u": (t, drive - load)}, stop=t[-1], step=0.02, hold="cubic")["x"]
+        y += 0.5 * DEG * draw.standard_normal(len(t))
+        records[f"r{k}"] = tsm.Record(f"r{k}", t, {"u": drive, "x": y}, {"u": "V", "x": "rad"})
+    found = tsm.diagnose(model, records, effects=["jump", "coulomb_friction", "load_offset"])
+    (one,) = found.effects
+    assert (one.name, one.words) == ("jump", "a step of the load")
+    assert one.parameters["time"].value == pytest.approx(6.0, abs=0.5)
+    assert one.parameters["size@r1"].low < -0.004 < one.parameters["size@r1"].high

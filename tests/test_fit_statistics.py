@@ -675,6 +675,27 @@ def test_very_many_combinations_are_told_without_trying_all_ways_to_write_them()
     assert len(found) == 40
 
 
+def test_of_combinations_of_initial_states_a_few_are_listed_and_the_rest_is_counted():
+    def mix(*names):
+        return Undetermined("combination", names, (1.0, -1.0), 0.0, f"{' and '.join(names)} are indistinguishable.")
+
+    found = tuple(mix(f"a@r{k}", f"b@r{k}") for k in range(9))
+    fit = SimpleNamespace(
+        agreeing=2,
+        searches=(1, 2),
+        undetermined=(*found, mix("gain", "a@r1")),
+        active=(),
+        correlation=np.eye(2),
+        names=("gain", "a@r1"),
+        notes=(),
+    )
+    *shown, more = cautions(fit)
+    assert shown == [f"a@r{k} and b@r{k} are indistinguishable." for k in range(2)] + [
+        "gain and a@r1 are indistinguishable."
+    ]
+    assert more == "7 more combinations of initial states are indistinguishable with these data."
+
+
 def test_initial_states_of_many_experiments_that_are_hardly_determined_are_one_remark():
     """A recording in pieces has hundreds of them."""
     names = ("gain", *(f"motor.speed@r1#{k}" for k in range(60)))

@@ -93,6 +93,14 @@ JUMP = Effect(
     confused=("drift", "parameter_change"),
     separates="a reference mark passed again",
 )
+LOAD_STEP = attrs.evolve(
+    JUMP,
+    words="a step of the load",
+    place="drive",
+    confused=("load_offset", "periodic_disturbance"),
+    separates="the same motion without the load",
+    variant="drive",
+)
 GAIN_CHANGE = Effect(
     "parameter_change",
     "time",
@@ -160,6 +168,8 @@ EFFECTS = (
     ),
     JUMP,
     _own(JUMP),
+    LOAD_STEP,
+    _own(LOAD_STEP),
     GAIN_CHANGE,
     _own(GAIN_CHANGE),
     attrs.evolve(
@@ -191,6 +201,7 @@ EFFECTS = (
     DISTURBANCE,
     _own(DISTURBANCE),
     attrs.evolve(DISTURBANCE, place="drive", variant="drive"),
+    _own(attrs.evolve(DISTURBANCE, place="drive", variant="drive")),
     RATE_LIMIT,
     attrs.evolve(RATE_LIMIT, place="drive", variant="drive"),
     attrs.evolve(

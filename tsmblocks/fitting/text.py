@@ -23,6 +23,8 @@ FAR = 1.5
 """Error relative to the noise from which advice is given. Chosen."""
 MOST = 5
 """Pairs of parameters that are listed; the rest is counted. Chosen."""
+MOST_OF_STATES = 2
+"""Combinations of initial states that are listed; the rest is counted. Chosen."""
 LEAST, EXACT = 3, 7
 """Significant digits of every value, and of the best known one. Chosen."""
 
@@ -89,7 +91,7 @@ def cautions(fit: Fit) -> list[str]:
         where = "there" if all(name not in silent for name in names) else "in these experiments"
         verb = "has" if len(names) == 1 else "have"
         said.append(f"{listed(names, len(names))} {verb} no influence on the outputs {where}.")
-    said += [u.words for u in fit.undetermined if u.kind not in (NO_INFLUENCE, UNCERTAIN)]
+    said += _combinations(fit)
     uncertain = {u.names[0]: u.words for u in fit.undetermined if u.kind == UNCERTAIN}
     for name in dict.fromkeys(_gathered([(name,) for name in uncertain])):
         said.append(
@@ -104,6 +106,16 @@ def cautions(fit: Fit) -> list[str]:
     if len(strongest) > MOST:
         said.append(f"So are {len(strongest) - MOST} more pairs, above a correlation of {CLOSE:g}.")
     return [*said, *fit.notes]
+
+
+def _combinations(fit: Fit) -> list[str]:
+    """A sentence for each combination that matters alone; of those of initial states a few, and how many more."""
+    every = [u for u in fit.undetermined if u.kind not in (NO_INFLUENCE, UNCERTAIN)]
+    started = [u for u in every if all("@" in name for name in u.names)]
+    left_out = started[MOST_OF_STATES:]
+    words = [u.words for u in every if u not in left_out]
+    more = f"{len(left_out)} more combinations of initial states are indistinguishable with these data."
+    return [*words, more] if left_out else words
 
 
 def _gathered(groups: Sequence[tuple[str, ...]]) -> list[str]:
