@@ -161,6 +161,20 @@ def test_a_loop_is_not_solved_where_its_derivative_is_infinite(backend):
     assert run["y"] == pytest.approx(((np.sqrt(13.0) - 1) / 2) ** 2, rel=1e-12)
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_reset_beside_a_loop_is_located(backend):
+    """The rate is the root of e + 2 tanh(e) = 1; the integral is reset at 0.5."""
+    d = tsm.Diagram(
+        title="reset",
+        blocks=dict(one=Ramp(slope=0.0, initial=1.0), e=Sum(), k=Bent(gain=2.0), i=Integrator(reset=True)),
+        wires=["one -> e.plus", "e -> k -> e.minus", "e -> i.u", "i -> i.reset"],
+    )
+    run = tsm.simulate(d, stop=4.0, step=0.01, locate=True, backend=backend)
+    rate = brentq(lambda v: v + 2 * np.tanh(v) - 1, 0, 1, xtol=1e-15)
+    assert len(run.events) == int(4.0 * rate / 0.5)
+    assert run["i.y"][-1] == pytest.approx(4.0 * rate % 0.5, abs=1e-10)
+
+
 def orifice(u):
     """The root of e + sign(e) sqrt(|e|) = u."""
     return np.sign(u) * ((np.sqrt(1 + 4 * abs(u)) - 1) / 2) ** 2

@@ -123,7 +123,7 @@ class Closure:
             roots = ca.vertcat(roots, root, count)
         everything = known.of(ca.vertcat(ca.SX(0, 1), *columns))
         ends = np.cumsum([0, *(column.shape[0] for column in columns)])
-        return [*(everything[int(a) : int(b)] for a, b in itertools.pairwise(ends)), roots]
+        return [*(everything[int(a) : int(b), 0] for a, b in itertools.pairwise(ends)), roots]
 
     def _solve(self, tears: list[Tear]) -> None:
         """Solve signals that depend on one another; what they read has been solved before."""
