@@ -225,3 +225,13 @@ def test_a_file_and_the_command_line_end_a_run(tmp_path, capsys):
     assert "0 to 0.5 s in steps of 0.01 s (rk4)\nended where y > 1" in capsys.readouterr().out
     assert main(["run", str(path), "--step", "0.01", "--stop-when", "y > 1.5"]) == 0
     assert "0 to 0.75 s" in capsys.readouterr().out
+
+
+def test_a_check_reads_the_condition_of_a_file(tmp_path, capsys):
+    path = tmp_path / "ramp.toml"
+    text = 'format = 1\ntitle = "r"\nwires = []\n[blocks]\nr = { type = "Ramp" }\n[simulation]\nstop_when = "r.y > 1"\n'
+    path.write_text(text)
+    assert main(["check", str(path)]) == 0
+    path.write_text(text.replace("r.y", "r.z"))
+    assert main(["check", str(path)]) == 2
+    assert "ramp.toml: stop_when: there is no signal 'r.z'." in capsys.readouterr().err

@@ -8,7 +8,7 @@ from itertools import starmap
 from typing import Any
 
 from tsmblocks.cli import common, console
-from tsmblocks.common.errors import DiagramError, FileError, TsmError
+from tsmblocks.common.errors import DiagramError, FileError, ParameterError, TsmError
 from tsmblocks.common.units import heading
 
 HELP = "check diagram files and list their faults"
@@ -50,9 +50,15 @@ def contents(name: str, *, refuse_loops: bool = False) -> dict[str, Any]:
     """Contents of a valid diagram: counts of its parts and loops; inputs and outputs with their units."""
     from tsmblocks.compiler.compile import compile_diagram
     from tsmblocks.files import load
+    from tsmblocks.simulation.stop_condition import stop_condition
 
     diagram = load(name)
     eq = compile_diagram(diagram, refuse_loops=refuse_loops)
+    if diagram.simulation.stop_when:
+        try:
+            stop_condition(eq, diagram.simulation.stop_when)
+        except ParameterError as error:
+            raise ParameterError(f"{name}: {error}") from None
     return {
         "title": diagram.title,
         "blocks": len(eq.reads),
