@@ -137,7 +137,8 @@ class Closure:
             self.loops.append(Loop(path, 0, None, self._function))
         elif ca.depends_on(jacobian, z) or not _is_smooth(f, z):
             correction = ca.Function("correction", [z, w], [-_quotient(jacobian, f), f, jacobian])
-            solving = newton_correction(z, w, *correction.call([z, w]))
+            given = correction.call([z, w])[: 2 if self._eliminate else 3]
+            solving = newton_correction(z, w, *given)
             solver = solving_function(self._first + len(self._open), solving)
             self._order.append(_Open(z, reads, solver, correction))
             self.loops.append(Loop(path, z.shape[0], solving, self._function))

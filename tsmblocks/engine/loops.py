@@ -137,13 +137,18 @@ def reports(loops: Sequence[Loop], kept: Sequence[np.ndarray]) -> tuple[LoopRepo
     return tuple(made)
 
 
-def newton_correction(z: Any, w: Any, step: Any, f: Any, jacobian: Any) -> Any:
-    """The function ``Loop.correction``. Where F' is infinite the correction is 0, but solves nothing unless F is 0."""
+def newton_correction(z: Any, w: Any, step: Any, f: Any, jacobian: Any = None) -> Any:
+    """The function ``Loop.correction``. Where F' is infinite the correction is 0, but solves nothing unless F is 0.
+
+    Without the Jacobian, as in steps of a method, whose F' is near 1, the residual alone is looked at, which is faster.
+    """
     size = ca.sumsqr(f)
-    undefined = ca.logic_not(ca.sumsqr(jacobian) < np.inf)
-    step = ca.if_else(ca.logic_and(size == 0, undefined), 0, step)
-    moved = ca.logic_and(ca.mmax(ca.fabs(step)) > 0, size <= RESIDUAL**2 * (1 + ca.sumsqr(z)))
-    return ca.Function("correction", [z, w], [step, size, ca.logic_or(size <= FLOOR**2, moved)])
+    near = size <= RESIDUAL**2 * (1 + ca.sumsqr(z))
+    if jacobian is not None:
+        undefined = ca.logic_not(ca.sumsqr(jacobian) < np.inf)
+        step = ca.if_else(ca.logic_and(size == 0, undefined), 0, step)
+        near = ca.logic_or(size <= FLOOR**2, ca.logic_and(near, ca.mmax(ca.fabs(step)) > 0))
+    return ca.Function("correction", [z, w], [step, size, near])
 
 
 def solving_function(number: int, correction: Any) -> Any:
