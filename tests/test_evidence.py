@@ -267,3 +267,15 @@ def test_a_load_that_steps_in_one_recording_of_a_motor_is_named_at_its_drive():
     assert (one.name, one.words) == ("jump", "a step of the load")
     assert one.parameters["time"].value == pytest.approx(6.0, abs=0.5)
     assert one.parameters["size@r1"].low < -0.004 < one.parameters["size@r1"].high
+
+
+def test_a_drift_has_a_rate_of_its_own_where_recordings_share_no_clock():
+    rates = (0.02, -0.03, 0.0, 0.05)  # deg/s
+    records = without_clock(recordings("white", 8), lambda k, t, y: y + rates[k] * DEG * t)
+    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), records, effects=["drift", "jump", "parameter_change"])
+    (one,) = found.effects
+    assert one.name == "drift"
+    for name, rate in zip(records, rates, strict=True):
+        curve = one.parameters[f"curve@{name}"].value
+        middle = records[name].t.mean() - records[name].t[0]
+        assert one.parameters[f"rate@{name}"].value + 2 * curve * middle == pytest.approx(rate * DEG, abs=0.004 * DEG)

@@ -80,6 +80,19 @@ def _own(effect: Effect) -> Effect:
     )
 
 
+DRIFT = Effect(
+    "drift",
+    "time",
+    "a drift",
+    "output",
+    blocks.Drift(),
+    {"rate": 0.0, "curve": 0.0},
+    ("rate", "curve"),
+    _drift_trials,
+    excites="a long session on one clock",
+    confused=("jump", "creep", "parameter_change"),
+    separates="the first experiment repeated at the end",
+)
 JUMP = Effect(
     "jump",
     "time",
@@ -153,19 +166,8 @@ RATE_LIMIT = Effect(
     variant="output",
 )
 EFFECTS = (
-    Effect(
-        "drift",
-        "time",
-        "a drift",
-        "output",
-        blocks.Drift(),
-        {"rate": 0.0, "curve": 0.0},
-        ("rate", "curve"),
-        _drift_trials,
-        excites="a long session on one clock",
-        confused=("jump", "creep", "parameter_change"),
-        separates="the first experiment repeated at the end",
-    ),
+    DRIFT,
+    _own(DRIFT),
     JUMP,
     _own(JUMP),
     LOAD_STEP,
