@@ -2,6 +2,7 @@
 
 import math
 
+import attrs
 import casadi as ca
 import numpy as np
 import pytest
@@ -235,3 +236,16 @@ def test_a_check_reads_the_condition_of_a_file(tmp_path, capsys):
     path.write_text(text.replace("r.y", "r.z"))
     assert main(["check", str(path)]) == 2
     assert "ramp.toml: stop_when: there is no signal 'r.z'." in capsys.readouterr().err
+
+
+def test_batches_and_sensitivities_refuse_a_condition_that_they_do_not_know():
+    motor = tsm.load("motor_linear")
+    ending = motor.with_simulation(attrs.evolve(motor.simulation, stop_when="x > 1"))
+    options = dict(stop=0.2, step=1e-3, inputs={"u": 12.0})
+    said = r"ends its runs with stop_when = 'x > 1', and a batch goes on to the end\. Leave it out: diagram\.with_sim"
+    with pytest.raises(RunError, match=said):
+        tsm.simulate_batch(ending, {"motor.K": [1.0, 2.0]}, **options)
+    with pytest.raises(RunError, match="and a run with sensitivities goes on to the end"):
+        tsm.sensitivities(ending, ["motor.K"], **options)
+    again = ending.with_simulation(attrs.evolve(ending.simulation, stop_when=""))
+    assert tsm.simulate_batch(again, {"motor.K": [1.0]}, **options)["x"].shape == (1, 201)

@@ -180,6 +180,15 @@ def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
     return tuple(chosen)
 
 
+def run_to_their_end(diagram: Diagram, what: str) -> None:
+    """Refuse a diagram whose runs end at a condition, where ``what`` knows none."""
+    if text := diagram.simulation.stop_when:
+        raise RunError(
+            f"'{diagram.title}' ends its runs with stop_when = {text!r}, and {what} goes on to the end. Leave it out: "
+            "diagram.with_simulation(attrs.evolve(diagram.simulation, stop_when=''))."
+        )
+
+
 def kept_columns(eq: Equations, outputs: Sequence[str] | None) -> tuple[list[str], tuple[int, ...], list[int]]:
     """Names of the signals to keep, their positions in ``eq.y``, each once, as a kernel logs them, and columns by name.
 

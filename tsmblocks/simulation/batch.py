@@ -17,7 +17,7 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import RunOptions, TimeGrid, as_diagram, kept_columns
+from tsmblocks.simulation.arguments import RunOptions, TimeGrid, as_diagram, kept_columns, run_to_their_end
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
 from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
@@ -182,6 +182,7 @@ def batch_of(
     if not isinstance(parameters, Mapping):
         raise ParameterError(f"parameters must map names to one number per set each, got {in_words(parameters)}.")
     diagram = as_diagram(diagram).untied(parameters)
+    run_to_their_end(diagram, "a batch")
     times = options.times
     eq = equations(diagram, loops=options.loops)
     sets, count = parameter_sets(eq, diagram, parameters)

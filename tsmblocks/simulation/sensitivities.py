@@ -12,7 +12,7 @@ from tsmblocks.common.errors import ParameterError
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns
+from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns, run_to_their_end
 from tsmblocks.simulation.batch_parameters import parameter_index
 from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
 from tsmblocks.simulation.lanes import directions, lane_columns, tangent_kernel, whole_run
@@ -82,6 +82,7 @@ def sensitivities_of(
     if not names:
         raise ParameterError(f"sensitivities of '{as_diagram(diagram).title}' need the name of a parameter at least.")
     diagram = as_diagram(diagram).untied(names)
+    run_to_their_end(diagram, "a run with sensitivities")
     times, eq = options.times, equations(diagram, loops=options.loops)
     base, known = parameter_vector(eq, diagram), [parameter_index(eq, name, diagram) for name in names]
     (shown, chosen, columns), lanes = kept_columns(eq, outputs), directions(len(known))
