@@ -105,12 +105,8 @@ class WireSignals:
 def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
     """The signals at the insertion points of a model, simulated once more."""
     names = dict.fromkeys(k for point in points for k in (point.signal, point.other) if k)
-    columns = tuple(model.setup.eq.y.index(_inner_signal(model.diagram, k)) for k in names)
-    signals: dict[str, list[np.ndarray]] = {k: [] for k in names}
-    for e, experiment in enumerate(model.setup.experiments):
-        y = attrs.evolve(experiment, columns=columns).outputs(model.problem.unknowns.parameters(model.theta, e))
-        for k, values in zip(names, y.T, strict=True):
-            signals[k].append(values)
+    runs = model.signals(_inner_signal(model.diagram, k) for k in names)
+    signals = {k: [y[:, i] for y in runs] for i, k in enumerate(names)}
     times = [experiment.t for experiment in model.setup.experiments]
     steps = [experiment.record.step for experiment in model.setup.experiments]
     session = functools.partial(

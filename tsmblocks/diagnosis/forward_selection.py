@@ -155,9 +155,11 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
     fitted = []
     for score, m in zip(chosen, models, strict=True):
         gain = (model.mean_square - m.mean_square) * len(model.r)
-        of_motion = follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion()
-        filters = filters_noise(m, score.candidate, search.input_noise)
-        tenable = gain > limits[is_of_time(score.candidate)] and not of_motion and not filters
+        tenable = (
+            gain > limits[is_of_time(score.candidate)]
+            and not (follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion())
+            and not filters_noise(m, score.candidate, search.input_noise)
+        )
         fitted.append(fitted_candidate(score.candidate, m, search.blocks, shrinkage, tenable))
     losses = held_out_losses(model, search.blocks, shrinkage)
     best = min((one.loss for one in fitted if one.tenable and np.isfinite(one.loss)), default=np.inf)

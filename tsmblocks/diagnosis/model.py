@@ -136,6 +136,14 @@ class Model:
         """The diagram with the parameters common to all experiments."""
         return self.diagram.with_parameters(self.parameters())
 
+    def signals(self, names: Iterable[str]) -> list[np.ndarray]:
+        """Signals of the equations (n, signals) in each experiment, simulated once more."""
+        columns, at = tuple(self.setup.eq.y.index(name) for name in names), self.problem.unknowns.parameters
+        return [
+            attrs.evolve(one, columns=columns).outputs(at(self.theta, e))
+            for e, one in enumerate(self.setup.experiments)
+        ]
+
     def parameters(self, experiment: str = "") -> dict[str, float]:
         """The fitted values common to all experiments, or those of one experiment alone."""
         pairs = zip(self.problem.unknowns.items, self.theta, strict=True)

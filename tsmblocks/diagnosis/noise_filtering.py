@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
@@ -24,10 +23,6 @@ def filters_noise(model: Model, candidate: Candidate, input_noise: Mapping[str, 
     noise = input_noise.get(candidate.point.signal, 0.0)
     if candidate.point.place != "input" or candidate.effect.family != "loop" or not noise:
         return False
-    columns = tuple(model.setup.eq.y.index(k) for k in (candidate.point.signal, f"{candidate.block}.y"))
-    squares = count = 0.0
-    for e, experiment in enumerate(model.setup.experiments):
-        own = attrs.evolve(experiment, columns=columns).outputs(model.problem.unknowns.parameters(model.theta, e))
-        change = own[:, 1] - own[:, 0]
-        squares, count = squares + float(change @ change), count + len(change)
-    return bool(np.sqrt(squares / count) < MIN_CHANGE_OF_INPUT * noise)
+    signals = np.concatenate(model.signals([candidate.point.signal, f"{candidate.block}.y"]))
+    change = signals[:, 1] - signals[:, 0]
+    return bool(np.sqrt(np.mean(change**2)) < MIN_CHANGE_OF_INPUT * noise)

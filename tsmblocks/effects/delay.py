@@ -7,7 +7,7 @@ import math
 import attrs
 
 from tsmblocks.blocks import DeadTime, Lag, ParallelResonance, RateDependence, Resonance
-from tsmblocks.effects.effect import Effect, Scales, Trials, across
+from tsmblocks.effects.effect import Effect, Scales, Trials, across, in_front
 from tsmblocks.model.diagram import Diagram
 
 TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)
@@ -141,7 +141,7 @@ RATE_DEPENDENCE = Effect(
 EFFECTS = (
     DEAD_TIME,
     # Behind a linear model the same but for the start: there it repeats its first value, here the first command.
-    attrs.evolve(DEAD_TIME, words="a dead time in front of the model", place="input", variant="input"),
+    in_front(DEAD_TIME, "a dead time in front of the model"),
     LAG,
     attrs.evolve(LAG, words="two first-order lags in a row", block=TWO_LAGS, variant="twice"),
     RESONANCE,

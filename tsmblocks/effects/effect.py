@@ -268,6 +268,12 @@ class Effect:
         refuse(self, _faults(self))
 
 
+def in_front(effect: Effect, words: str = "") -> Effect:
+    """The variant of an effect that acts on the input, before all that the model holds; in ``words`` of its own."""
+    said = words or f"{effect.words}, in front of the model"
+    return attrs.evolve(effect, words=said, place="input", variant="input")
+
+
 def across(effect: Effect, name: str, variant: str) -> Effect:
     """A variant that adds to signal ``u`` the change that the block of an effect, under ``name``, makes to ``x``."""
     block = Diagram(

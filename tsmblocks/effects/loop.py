@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import attrs
-
 from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch
-from tsmblocks.effects.effect import Effect, Scales, Trials, across
+from tsmblocks.effects.effect import Effect, Scales, Trials, across, in_front
 
 PLAY_WIDTHS = (0.04, 0.15, 0.45)
 """Starting half widths of the plays of a nonlocal memory [half the range]. Chosen: a factor of three apart."""
@@ -86,7 +84,7 @@ MEMORY = Effect(
 )
 EFFECTS = (
     BACKLASH,
-    attrs.evolve(BACKLASH, words="a backlash gap in front of the model", place="input", variant="input"),
+    in_front(BACKLASH, "a backlash gap in front of the model"),
     Effect(
         "hysteresis",
         "loop",

@@ -19,7 +19,7 @@ from tsmblocks.blocks import (
     SoftSaturation,
     Sum,
 )
-from tsmblocks.effects.effect import Effect, Scales, Trials
+from tsmblocks.effects.effect import Effect, Scales, Trials, in_front
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
@@ -144,11 +144,6 @@ def _stiffness_trials(scales: Scales) -> Trials:
     farthest = REST_REACH * other.reach
     bounds = {"away.bias": (-other.middle - farthest, farthest - other.middle)}
     return Trials({"force.gain": PULL_SHARE * wire.rms / max(other.rms, 1e-300)}, rests, bounds=bounds)
-
-
-def _in_front(effect: Effect) -> Effect:
-    """The variant of an effect that acts on the input, before all that the model holds."""
-    return attrs.evolve(effect, words=f"{effect.words}, in front of the model", place="input", variant="input")
 
 
 def _slack(side: str) -> Effect:
@@ -290,16 +285,16 @@ EFFECTS = (
         variant="drive",
     ),
     SOFT_DEAD_ZONE,
-    attrs.evolve(SOFT_DEAD_ZONE, words="a dead zone in front of the model", place="input", variant="input"),
+    in_front(SOFT_DEAD_ZONE, "a dead zone in front of the model"),
     SATURATION,
-    _in_front(SATURATION),
+    in_front(SATURATION),
     attrs.evolve(SATURATION, place="drive", variant="drive"),
     SOFT_SATURATION,
     attrs.evolve(SOFT_SATURATION, place="drive", variant="soft drive"),
     EVEN,
-    _in_front(EVEN),
+    in_front(EVEN),
     ODD,
-    _in_front(ODD),
+    in_front(ODD),
     attrs.evolve(
         ODD,
         words="a characteristic with another slope in the middle than at the ends",
@@ -325,7 +320,7 @@ EFFECTS = (
         separates="slow motion to both ends: the force stays where the motion stops",
     ),
     RIPPLE,
-    _in_front(RIPPLE),
+    in_front(RIPPLE),
     attrs.evolve(
         RIPPLE,
         null=dict.fromkeys(TWO_HARMONICS, 0.0),

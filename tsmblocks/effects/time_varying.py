@@ -151,6 +151,7 @@ DISTURBANCE = Effect(
     separates="other input frequencies: a disturbance keeps its own",
     variant="output",
 )
+DRIVE_DISTURBANCE = attrs.evolve(DISTURBANCE, place="drive", variant="drive")
 RATE_LIMIT = Effect(
     "rate_limit",
     "limit",
@@ -202,8 +203,8 @@ EFFECTS = (
     ),
     DISTURBANCE,
     _own(DISTURBANCE),
-    attrs.evolve(DISTURBANCE, place="drive", variant="drive"),
-    _own(attrs.evolve(DISTURBANCE, place="drive", variant="drive")),
+    DRIVE_DISTURBANCE,
+    _own(DRIVE_DISTURBANCE),
     RATE_LIMIT,
     attrs.evolve(RATE_LIMIT, place="drive", variant="drive"),
     attrs.evolve(
