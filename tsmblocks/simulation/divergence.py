@@ -32,16 +32,19 @@ def divergence_error(session: Session, backend: str, steps: int) -> NotFinite:
     values = dict(zip(eq.y, y[row], strict=True))
     block = _first_non_finite(eq, values)
     before = dict(zip(eq.y, y[row - 1], strict=True)) if row else {}
+    held = before or dict(zip((*eq.x, *eq.d), (*session.memory.x, *session.memory.d), strict=True))
     loop = _unsolved_loop(again, values, before)
     if loop is not None and (not block or _of(block, loop.path)):
         block, text = loop.path[0].rpartition(".")[0], _loop_message(loop, before, time)
         text = _step_message(session, loop, before, time) if loop.function == "advance" else text
     elif block:
         text = _output_message(eq, values, block, time)
-    else:
-        states = [k for k in eq.x if not math.isfinite(values.get(k, 0.0))]
-        block = (states[0] if states else next(iter(values))).rpartition(".")[0]
-        text = _state_message(eq, values, before, states, block, time)
+    elif states := [k for k in (*eq.x, *eq.d) if not math.isfinite(values.get(k, 0.0))]:
+        block = _first_diverging(eq, states, held)
+        text = _state_message(eq, values, held, _of(block, states), block, time)
+    else:  # signals of an algebraic loop that overflow together
+        block = next((k for k, v in values.items() if not math.isfinite(v)), eq.y[0]).rpartition(".")[0]
+        text = _output_message(eq, values, block, time)
     error = NotFinite(text)
     error.block, error.time = block, time
     return error
@@ -101,6 +104,26 @@ def _first_non_finite(eq: Equations, values: dict[str, float]) -> str:
         if all(math.isfinite(values.get(s, 0.0)) for s in given):
             return block
     return ""
+
+
+def _first_diverging(eq: Equations, states: list[str], before: dict[str, float]) -> str:
+    """Of the blocks with a non-finite state one that no other feeds; of those that feed one another the largest."""
+    blocks = dict.fromkeys(k.rpartition(".")[0] for k in states)
+    above = {block: _upstream(eq, block) for block in blocks}
+    first = [b for b in blocks if all(b in above[a] for a in blocks if a in above[b])]
+    return max(first, key=lambda b: max(abs(before.get(k, 0.0)) for k in _of(b, states)))
+
+
+def _upstream(eq: Equations, block: str) -> set[str]:
+    """The blocks whose signals reach a block."""
+    found: set[str] = set()
+    stack = [block]
+    while stack:
+        _, reads = eq.reads.get(stack.pop(), ("", {}))
+        fresh = {signal.rpartition(".")[0] for signal in reads.values()} - found
+        found |= fresh
+        stack += fresh
+    return found
 
 
 def _pairs(pairs: Iterable[tuple[str, float]]) -> str:
