@@ -7,7 +7,8 @@ import math
 import attrs
 
 from tsmblocks.blocks import DeadTime, Lag, ParallelResonance, RateDependence, Resonance
-from tsmblocks.effects.effect import Effect, Scales, Trials, across, in_front
+from tsmblocks.effects.effect import Effect, across, in_front
+from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.diagram import Diagram
 
 TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)

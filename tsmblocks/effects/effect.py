@@ -1,4 +1,4 @@
-"""Effects: a block that a model may lack, where it is inserted, and the values to start its fit from."""
+"""Effects: a block that a model may lack, and where it is inserted."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import attrs
-import numpy as np
 
 from tsmblocks.blocks import Sum
 from tsmblocks.common.errors import ParameterError, in_words, near
 from tsmblocks.common.tables import listed
+from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import not_a_block
@@ -25,134 +25,6 @@ its unit. ``across``: on the wire of an output, and its input ``x`` reads the in
 names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
 TWO_SIGNAL_PLACES = ("across", "load", "brake")
 """Places at which the input ``x`` of an effect's block is connected to a second signal."""
-
-
-@attrs.frozen
-class Span:
-    """Range and rate of a signal over all experiments.
-
-    Parameters
-    ----------
-    low, high : float
-        The smallest and the largest value, in the unit of the signal.
-    rms : float
-        Root mean square of the signal.
-    speed, fastest : float
-        Root mean square and largest absolute value of its rate, in its unit per s.
-    """
-
-    low: float
-    high: float
-    rms: float
-    speed: float
-    fastest: float
-
-    @property
-    def middle(self) -> float:
-        """The middle of the range."""
-        return (self.low + self.high) / 2
-
-    @property
-    def reach(self) -> float:
-        """Half of the range."""
-        return (self.high - self.low) / 2
-
-
-@attrs.frozen
-class Scales:
-    """Scales of the data, from which the trial values of an effect are chosen.
-
-    Parameters
-    ----------
-    wire : Span
-        The signal on which the effect is inserted.
-    other : Span
-        The second signal that it reads; ``wire`` where it reads none.
-    start, stop : float
-        First and last instant [s] of all experiments.
-    step : float
-        The sampling step [s], the longest of all experiments.
-    shortest : float
-        Length [s] of the shortest experiment.
-    lines : tuple of float, default ()
-        Frequencies [Hz] of the strongest spectral lines of the residual, strongest first.
-    one_clock : bool, default True
-        Whether the times of all experiments may be those of one clock: False where two experiments overlap in time.
-    """
-
-    wire: Span
-    other: Span
-    start: float
-    stop: float
-    step: float
-    shortest: float
-    lines: tuple[float, ...] = ()
-    one_clock: bool = True
-
-    @property
-    def of_other(self) -> Scales:
-        """The same scales with the second signal in the place of the wire."""
-        return attrs.evolve(self, wire=self.other)
-
-
-@attrs.frozen
-class Trials:
-    """Trial values of an effect: starting values for its fit, and bounds that depend on the data.
-
-    Parameters
-    ----------
-    strengths : mapping of str to float
-        A trial size for each parameter that is at its null where there is no effect.
-    shapes : tuple of mapping of str to float, default ({},)
-        Sets of values of the other fitted parameters, each a starting point.
-    fixed : mapping of str to float, default {}
-        Values of parameters that are set and not fitted.
-    bounds : mapping of str to pair of (float or None), default {}
-        Bounds (low, high), narrower than those of the block; None for none.
-    refine : str, default ""
-        The shape parameter whose grid is refined around the best of ``shapes``, for nonsmooth parameters.
-    """
-
-    strengths: Mapping[str, float]
-    shapes: tuple[Mapping[str, float], ...] = ({},)
-    fixed: Mapping[str, float] = attrs.field(factory=dict)
-    bounds: Mapping[str, tuple[float | None, float | None]] = attrs.field(factory=dict)
-    refine: str = ""
-
-    def with_bounds(self, more: Mapping[str, tuple[float | None, float | None]]) -> Trials:
-        """Return the same trial values with further bounds.
-
-        Parameters
-        ----------
-        more : mapping of str to pair of (float or None)
-            Bounds (low, high) by parameter.
-
-        Returns
-        -------
-        Trials
-            The new trial values.
-        """
-        return attrs.evolve(self, bounds={**self.bounds, **more})
-
-    def under(self, block: str) -> Trials:
-        """Return the same trial values for a block inside a diagram.
-
-        Parameters
-        ----------
-        block : str
-            The name of the block.
-
-        Returns
-        -------
-        Trials
-            With names such as ``"block.parameter"``.
-        """
-
-        def named(given: Mapping[str, Any]) -> dict[str, Any]:
-            return {f"{block}.{k}": v for k, v in given.items()}
-
-        shapes, refine = tuple(map(named, self.shapes)), f"{block}.{self.refine}" if self.refine else ""
-        return Trials(named(self.strengths), shapes, named(self.fixed), named(self.bounds), refine)
 
 
 @attrs.frozen(eq=False)
@@ -391,24 +263,3 @@ def parameters_of(block: Block | Diagram) -> Mapping[str, float]:
     if isinstance(block, Diagram):
         return block.parameters
     return {leaf: number for key, value in block.parameters.items() for leaf, number in leaves(value, key)}
-
-
-def span_of(signals: list[np.ndarray], steps: list[float]) -> Span:
-    """Return range and rate of a signal over several experiments.
-
-    Parameters
-    ----------
-    signals : list of ndarray
-        The values of the signal, one array (n,) for each experiment.
-    steps : list of float
-        The sampling step [s] of each experiment.
-
-    Returns
-    -------
-    Span
-        Range and rate of all experiments together.
-    """
-    rates = np.concatenate([np.abs(np.diff(y)) / h for y, h in zip(signals, steps, strict=True)])
-    every = np.concatenate(signals)
-    values = every.min(), every.max(), np.sqrt(np.mean(every**2)), np.sqrt(np.mean(rates**2)), rates.max()
-    return Span(*map(float, values))

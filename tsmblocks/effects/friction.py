@@ -7,7 +7,8 @@ import functools
 import attrs
 
 from tsmblocks.blocks import Abs, CoulombFriction, DahlFriction, Derivative, Gain, QuadraticDrag, StribeckFriction, Sum
-from tsmblocks.effects.effect import Effect, Scales, Span, Trials
+from tsmblocks.effects.effect import Effect
+from tsmblocks.effects.trials import Scales, Span, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch
-from tsmblocks.effects.effect import Effect, Scales, Trials, across, in_front
+from tsmblocks.effects.effect import Effect, across, in_front
+from tsmblocks.effects.trials import Scales, Trials
 
 PLAY_WIDTHS = (0.04, 0.15, 0.45)
 """Starting half widths of the plays of a nonlocal memory [half the range]. Chosen: a factor of three apart."""

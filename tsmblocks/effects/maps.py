@@ -19,7 +19,8 @@ from tsmblocks.blocks import (
     SoftSaturation,
     Sum,
 )
-from tsmblocks.effects.effect import Effect, Scales, Trials, in_front
+from tsmblocks.effects.effect import Effect, in_front
+from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 

@@ -8,7 +8,8 @@ from typing import Any
 import attrs
 
 from tsmblocks.common.errors import in_words
-from tsmblocks.effects.effect import Effect, Scales, Trials, parameter_faults, refuse
+from tsmblocks.effects.effect import Effect, parameter_faults, refuse
+from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 

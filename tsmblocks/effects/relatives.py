@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.blocks import Saturation, SoftSaturation
-from tsmblocks.effects.effect import Scales, Trials
 from tsmblocks.effects.relative import Relative
 from tsmblocks.effects.relatives_friction import FRICTION
 from tsmblocks.effects.relatives_loops import RELATIVES_OF_LOOPS
+from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block
 
 

@@ -17,8 +17,8 @@ from tsmblocks.blocks import (
     Sign,
     StribeckFriction,
 )
-from tsmblocks.effects.effect import Scales, Trials
 from tsmblocks.effects.relative import Relative
+from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 

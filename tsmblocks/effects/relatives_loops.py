@@ -18,8 +18,9 @@ from tsmblocks.blocks import (
     PrandtlIshlinskii,
     TaoBacklash,
 )
-from tsmblocks.effects.effect import Scales, Trials, parameters_of
+from tsmblocks.effects.effect import parameters_of
 from tsmblocks.effects.relative import Relative
+from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block
 
 LOOP_SHARES = (0.25, 0.5, 0.75, 1.25, 2.0)

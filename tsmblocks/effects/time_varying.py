@@ -5,7 +5,8 @@ from __future__ import annotations
 import attrs
 
 from tsmblocks import blocks
-from tsmblocks.effects.effect import Effect, Scales, Trials, across
+from tsmblocks.effects.effect import Effect, across
+from tsmblocks.effects.trials import Scales, Trials
 
 NO_LIMIT = 1e12
 """A rate that no signal reaches. Chosen: finite, since an infinite rate times a step of zero is NaN."""

@@ -1,0 +1,158 @@
+"""Trial values of an effect, and the scales of the data from which they are chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+import numpy as np
+
+
+@attrs.frozen
+class Span:
+    """Range and rate of a signal over all experiments.
+
+    Parameters
+    ----------
+    low, high : float
+        The smallest and the largest value, in the unit of the signal.
+    rms : float
+        Root mean square of the signal.
+    speed, fastest : float
+        Root mean square and largest absolute value of its rate, in its unit per s.
+    """
+
+    low: float
+    high: float
+    rms: float
+    speed: float
+    fastest: float
+
+    @property
+    def middle(self) -> float:
+        """The middle of the range."""
+        return (self.low + self.high) / 2
+
+    @property
+    def reach(self) -> float:
+        """Half of the range."""
+        return (self.high - self.low) / 2
+
+
+@attrs.frozen
+class Scales:
+    """Scales of the data, from which the trial values of an effect are chosen.
+
+    Parameters
+    ----------
+    wire : Span
+        The signal on which the effect is inserted.
+    other : Span
+        The second signal that it reads; ``wire`` where it reads none.
+    start, stop : float
+        First and last instant [s] of all experiments.
+    step : float
+        The sampling step [s], the longest of all experiments.
+    shortest : float
+        Length [s] of the shortest experiment.
+    lines : tuple of float, default ()
+        Frequencies [Hz] of the strongest spectral lines of the residual, strongest first.
+    one_clock : bool, default True
+        Whether the times of all experiments may be those of one clock: False where two experiments overlap in time.
+    """
+
+    wire: Span
+    other: Span
+    start: float
+    stop: float
+    step: float
+    shortest: float
+    lines: tuple[float, ...] = ()
+    one_clock: bool = True
+
+    @property
+    def of_other(self) -> Scales:
+        """The same scales with the second signal in the place of the wire."""
+        return attrs.evolve(self, wire=self.other)
+
+
+@attrs.frozen
+class Trials:
+    """Trial values of an effect: starting values for its fit, and bounds that depend on the data.
+
+    Parameters
+    ----------
+    strengths : mapping of str to float
+        A trial size for each parameter that is at its null where there is no effect.
+    shapes : tuple of mapping of str to float, default ({},)
+        Sets of values of the other fitted parameters, each a starting point.
+    fixed : mapping of str to float, default {}
+        Values of parameters that are set and not fitted.
+    bounds : mapping of str to pair of (float or None), default {}
+        Bounds (low, high), narrower than those of the block; None for none.
+    refine : str, default ""
+        The shape parameter whose grid is refined around the best of ``shapes``, for nonsmooth parameters.
+    """
+
+    strengths: Mapping[str, float]
+    shapes: tuple[Mapping[str, float], ...] = ({},)
+    fixed: Mapping[str, float] = attrs.field(factory=dict)
+    bounds: Mapping[str, tuple[float | None, float | None]] = attrs.field(factory=dict)
+    refine: str = ""
+
+    def with_bounds(self, more: Mapping[str, tuple[float | None, float | None]]) -> Trials:
+        """Return the same trial values with further bounds.
+
+        Parameters
+        ----------
+        more : mapping of str to pair of (float or None)
+            Bounds (low, high) by parameter.
+
+        Returns
+        -------
+        Trials
+            The new trial values.
+        """
+        return attrs.evolve(self, bounds={**self.bounds, **more})
+
+    def under(self, block: str) -> Trials:
+        """Return the same trial values for a block inside a diagram.
+
+        Parameters
+        ----------
+        block : str
+            The name of the block.
+
+        Returns
+        -------
+        Trials
+            With names such as ``"block.parameter"``.
+        """
+
+        def named(given: Mapping[str, Any]) -> dict[str, Any]:
+            return {f"{block}.{k}": v for k, v in given.items()}
+
+        shapes, refine = tuple(map(named, self.shapes)), f"{block}.{self.refine}" if self.refine else ""
+        return Trials(named(self.strengths), shapes, named(self.fixed), named(self.bounds), refine)
+
+
+def span_of(signals: list[np.ndarray], steps: list[float]) -> Span:
+    """Return range and rate of a signal over several experiments.
+
+    Parameters
+    ----------
+    signals : list of ndarray
+        The values of the signal, one array (n,) for each experiment.
+    steps : list of float
+        The sampling step [s] of each experiment.
+
+    Returns
+    -------
+    Span
+        Range and rate of all experiments together.
+    """
+    rates = np.concatenate([np.abs(np.diff(y)) / h for y, h in zip(signals, steps, strict=True)])
+    every = np.concatenate(signals)
+    values = every.min(), every.max(), np.sqrt(np.mean(every**2)), np.sqrt(np.mean(rates**2)), rates.max()
+    return Span(*map(float, values))
