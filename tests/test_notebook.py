@@ -178,7 +178,8 @@ def test_what_is_large_stays_small():
     long = LookupTable(points=tuple(map(float, range(5000))), values=tuple(map(float, range(5000))))
     assert len(long._repr_html_()) < 10_000
     assert repr(long) == (
-        "LookupTable(points=(0.0, 1.0, 2.0, … 5000 in all), values=(0.0, 1.0, 2.0, … 5000 in all), outside='hold')"
+        "LookupTable(points=(0.0, 1.0, 2.0, … 5000 in all), values=(0.0, 1.0, 2.0, … 5000 in all), "
+        "interpolation='linear', outside='hold')"
     )
 
 

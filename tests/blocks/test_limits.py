@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 from tests.blocks.helpers import assert_sound, refuses, simulate, value
 from tsmblocks.blocks.limits import (
     DeadZone,
-    LookupTable,
     Quantiser,
     RateLimit,
     Relay,
@@ -30,9 +29,6 @@ NUMBERS = np.concatenate([np.linspace(-3, 3, 121), [-1e6, 1e6]])
     [
         DeadZone(),
         SoftDeadZone(),
-        LookupTable(),
-        LookupTable(outside="extend"),
-        LookupTable(points=(0, 1), values=(0, 1), outside="extend"),
         Quantiser(),
         RateLimit(),
         RateLimit(start="last"),
@@ -218,20 +214,6 @@ def test_relay_holds_within_the_step():
         assert value(Relay(high=10.0), {"active": 1.0}, u=u)["y"] == 10
 
 
-def test_lookup_table():
-    points, values = (-1.0, 0.0, 0.5, 2.0), (3.0, -1.0, 0.0, 0.5)
-    held = LookupTable(points=points, values=values)
-    extended = LookupTable(points=points, values=values, outside="extend")
-    for u in NUMBERS[:-2]:
-        inside = np.interp(u, points, values)
-        assert value(held, u=u)["y"] == pytest.approx(inside, abs=1e-14)
-        beyond = 3 - 4 * (u + 1) if u < -1 else 0.5 + (u - 2) / 3 if u > 2 else inside
-        assert value(extended, u=u)["y"] == pytest.approx(beyond, abs=1e-14)
-    line = LookupTable(points=(0, 1), values=(1, 3), outside="extend")
-    assert value(line, u=-5.0)["y"] == -9
-    assert value(line, u=5.0)["y"] == 11
-
-
 def test_refuses_what_does_not_go_together():
     refuses("Saturation needs low < high, got low=1, high=1.", Saturation, low=1, high=1)
     refuses("SoftSaturation needs low < high, got low=1, high=1.", SoftSaturation, low=1, high=1)
@@ -245,24 +227,4 @@ def test_refuses_what_does_not_go_together():
     refuses("RateLimit.falling must lie in (-inf, 0), got 3. It is: fastest fall, negative.", RateLimit, falling=3)
     refuses(
         "Quantiser.interval must lie in (0, inf), got 0. It is: distance between two values.", Quantiser, interval=0
-    )
-    for points, values in (((0, 1), (1,)), ((0,), (1,))):
-        refuses(
-            "LookupTable needs one value for each point and at least two points, "
-            f"got {len(points)} points and {len(values)} values.",
-            LookupTable,
-            points=points,
-            values=values,
-        )
-    refuses(
-        "LookupTable.points must increase, but points[1]=2 and points[2]=1.",
-        LookupTable,
-        points=(0, 2, 1),
-        values=(0, 1, 2),
-    )
-    refuses(
-        "LookupTable.outside is 'extnd', which is not a choice. Did you mean 'extend'? "
-        "It is: what happens beyond the points.",
-        LookupTable,
-        outside="extnd",
     )

@@ -11,6 +11,7 @@ from tsmblocks.blocks import (
     FirstOrderLag,
     Gain,
     LookupTable,
+    LookupTable2D,
     Product,
     RateLimit,
     Saturation,
@@ -315,6 +316,14 @@ def limits_are_swapped_in_a_batch():
 @mistake(ParameterError, "LookupTable.points must increase, but points[1]=2 and points[2]=1.")
 def a_table_that_goes_back():
     LookupTable(points=(0.0, 2.0, 1.0), values=(0.0, 1.0, 2.0))
+
+
+@mistake(
+    ParameterError,
+    "LookupTable2D.values must be 3 rows (one for each of points1) of 2 numbers (one for each of points2), got 2 rows of 3. Rows and columns look exchanged: transpose the values.",
+)
+def a_table_on_its_side():
+    LookupTable2D(points1=(0.0, 1.0, 2.0), points2=(0.0, 1.0), values=((0.0, 1.0, 2.0), (3.0, 4.0, 5.0)))
 
 
 @mistake(ParameterError, "TransferFunction must be proper: 1 <= len(num) <= len(den), got 3 and 2.")

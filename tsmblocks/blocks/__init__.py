@@ -48,7 +48,6 @@ from tsmblocks.blocks.hysteresis import Play as Play
 from tsmblocks.blocks.hysteresis import PrandtlIshlinskii as PrandtlIshlinskii
 from tsmblocks.blocks.hysteresis import TaoBacklash as TaoBacklash
 from tsmblocks.blocks.limits import DeadZone as DeadZone
-from tsmblocks.blocks.limits import LookupTable as LookupTable
 from tsmblocks.blocks.limits import Quantiser as Quantiser
 from tsmblocks.blocks.limits import RateLimit as RateLimit
 from tsmblocks.blocks.limits import Relay as Relay
@@ -90,6 +89,8 @@ from tsmblocks.blocks.sources import Sine as Sine
 from tsmblocks.blocks.sources import Staircase as Staircase
 from tsmblocks.blocks.sources import Step as Step
 from tsmblocks.blocks.sources import Triangle as Triangle
+from tsmblocks.blocks.tables import LookupTable as LookupTable
+from tsmblocks.blocks.tables import LookupTable2D as LookupTable2D
 from tsmblocks.blocks.transmission import Bend as Bend
 from tsmblocks.blocks.transmission import Bow as Bow
 from tsmblocks.blocks.transmission import Creep as Creep

@@ -1,4 +1,4 @@
-"""Blocks that limit or round a signal: saturation, dead zone, rate limit, relay, quantiser, lookup table."""
+"""Blocks that limit or round a signal: saturation, dead zone, rate limit, relay, quantiser."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.blocks.shared import check_increasing, check_limits, limited
+from tsmblocks.blocks.shared import check_limits, limited
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
@@ -263,42 +263,3 @@ class Quantiser(Block):
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=self.interval * ca.floor(u.u / self.interval + 0.5))
-
-
-@block
-class LookupTable(Block):
-    r"""Piecewise linear interpolation between given points.
-
-    .. math:: y = v_0 + \sum_k \frac{v_{k+1} - v_k}{p_{k+1} - p_k} \min(\max(u - p_k, 0), p_{k+1} - p_k)
-
-    With ``outside="extend"`` the first and the last line go on beyond the points.
-    """
-
-    source = "definition"
-    symbol = "table"
-
-    points: tuple[float, ...] = parameter(default=(-1.0, -0.2, 0.2, 1.0), about="inputs, increasing", unit="?u")
-    values: tuple[float, ...] = parameter(default=(-0.8, 0.0, 0.0, 0.8), about="outputs there", unit="?y")
-    outside: str = option(default="hold", about="what happens beyond the points", choices=("hold", "extend"))
-    u = Input("any signal", unit="?u")
-    y = Output("value on the lines", unit="?y")
-
-    def check(self) -> None:
-        if len(self.points) != len(self.values) or len(self.points) < 2:
-            raise ParameterError(
-                "LookupTable needs one value for each point and at least two points, "
-                f"got {len(self.points)} points and {len(self.values)} values."
-            )
-        check_increasing(self, "points")
-
-    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        p, v = self.points, self.values
-        y, lines, extend = v[0], len(p) - 1, self.outside == "extend"
-        for k in range(lines):
-            along, width = u.u - p[k], p[k + 1] - p[k]
-            if not (extend and k == 0):
-                along = ca.fmax(along, 0.0)
-            if not (extend and k == lines - 1):
-                along = ca.fmin(along, width)
-            y = y + (v[k + 1] - v[k]) / width * along
-        return dict(y=y)
