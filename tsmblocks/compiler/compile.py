@@ -16,8 +16,9 @@ from tsmblocks.common.errors import AlgebraicLoop
 from tsmblocks.compiler.evaluate import Evaluator
 from tsmblocks.compiler.flatten import FlatDiagram, is_held_output
 from tsmblocks.engine.closure import Closure, functions, open_function
-from tsmblocks.engine.equations import LAG, START, Equations
+from tsmblocks.engine.equations import LAG, START, Equations, WatchedLoops
 from tsmblocks.engine.loops import LoopForms
+from tsmblocks.engine.substitution import other_symbols
 from tsmblocks.model.diagram import Diagram
 
 
@@ -78,18 +79,28 @@ def _update(flat: FlatDiagram, between: Evaluator) -> tuple[Evaluator, list[Any]
 def _closed(
     reads: list[Any], between: Evaluator, results: list[Any], update: tuple[Evaluator, list[Any]] | None
 ) -> dict[str, Any]:
-    """``rhs`` and ``update`` with their loops solved, ``loops``, and the ``forms`` of both for kernels."""
+    """``rhs`` and ``update`` with their loops solved, ``loops``, the ``forms`` of both for kernels, ``watched``."""
     closures = [_closure(between, 0)]
-    rhs = functions("rhs", reads, results, closures[0])
     at_samples = (None, None, None)
     if update is not None:
         closures.append(_closure(update[0], closures[0].count))
         at_samples = functions("update", [*reads, update[0].hit], update[1], closures[1])
-    forms = None
-    if any(c.size for c in closures):
-        forms = LoopForms((rhs[1], at_samples[1]), (rhs[2], at_samples[2]), open_function(reads, results, closures[0]))
+
+    def formed(columns: list[Any]) -> tuple[Any, LoopForms | None]:
+        rhs, plain, exact = functions("rhs", reads, columns, closures[0])
+        if not any(c.size for c in closures):
+            return rhs, None
+        opened = open_function(reads, columns, closures[0])
+        return rhs, LoopForms((plain, at_samples[1]), (exact, at_samples[2]), opened)
+
+    rhs, forms = formed(results)
     loops = tuple(loop for closure in closures for loop in closure.loops)
-    return {"rhs": rhs[0], "update": at_samples[0], "loops": loops, "forms": forms}
+    moving = {path: one for path, one in closures[0].determinants if other_symbols(one, reads[-1]).shape[0]}
+    watched = None
+    if moving:
+        signals = ca.vertcat(results[1], *moving.values())
+        watched = WatchedLoops(tuple(moving), *formed([results[0], signals, results[2]]))
+    return {"rhs": rhs, "update": at_samples[0], "loops": loops, "forms": forms, "watched": watched}
 
 
 def _closure(evaluator: Evaluator, first: int) -> Closure:

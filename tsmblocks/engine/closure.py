@@ -17,7 +17,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.engine.elimination import Elimination, guarded, is_smooth, quotient
+from tsmblocks.engine.elimination import Elimination, determinant, guarded, is_smooth, quotient
 from tsmblocks.engine.equations import RHS, SOLVING, UPDATE
 from tsmblocks.engine.loops import Loop, newton_correction, solving_function
 from tsmblocks.engine.substitution import Column, Values, cut, other_symbols
@@ -47,11 +47,13 @@ class Closure:
 
     ``singular`` are the paths of loops that are singular whatever the parameters. With ``eliminate`` signals that are
     linear in themselves are eliminated one by one, without pivoting: for steps of a method, where pivots are near 1.
+    ``determinants`` has the path and the determinant of each eliminated loop whose gain is no constant.
     """
 
     def __init__(self, tears: Sequence[Tear], first: int, *, function: str = "rhs", eliminate: bool = False) -> None:
         self.loops: list[Loop] = []
         self.singular: list[tuple[str, ...]] = []
+        self.determinants: list[tuple[tuple[str, ...], Any]] = []
         self._first = first
         self._function, self._eliminate = function, eliminate
         self._order: list[_Open | tuple[Any, Any]] = []  # as solved; a pair is a symbol and what it equals
@@ -135,6 +137,8 @@ class Closure:
         else:
             at_zero = ca.substitute(f, z, ca.SX.zeros(*z.shape))
             self._check(jacobian, path)
+            if not jacobian.is_constant():
+                self.determinants.append((path, ca.substitute(determinant(jacobian), w, reads)))
             values = guarded(jacobian, -quotient(jacobian, at_zero))
             self.loops.append(Loop(path, z.shape[0], None, self._function))
             self._order.append((z, ca.substitute(values, w, reads)))

@@ -15,6 +15,8 @@ SINGULAR = 1e-13
 """Size of a determinant or pivot, as a share of its terms, that counts as zero. Chosen: some 500 roundings."""
 SMALL = 3
 """Signals up to which a system is solved by its determinant; above, by a QR decomposition. Chosen: by operations."""
+TINY = 1e-200
+"""In the place of a pivot that is zero. Chosen: its square is still above the least number."""
 
 _LINEAR = {ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_MUL, ca.OP_DIV, ca.OP_TWICE, ca.OP_ASSIGN, ca.OP_IF_ELSE_ZERO}
 """Operations that are linear in an operand as long as their derivative does not depend on it."""
@@ -127,6 +129,20 @@ def is_smooth(f: Column, z: Column) -> bool:
 def quotient(jacobian: Any, f: Column) -> Column:
     """Solution of jacobian * x = f."""
     return f / jacobian if f.shape[0] == 1 else ca.solve(ca.densify(jacobian), f)
+
+
+def determinant(jacobian: Any) -> Any:
+    """Determinant of a Jacobian: for large ones the product of the pivots, whose sign is right without pivoting."""
+    n = jacobian.shape[0]
+    full, product = ca.densify(jacobian), ca.SX(1)
+    if n <= SMALL:
+        return ca.det(full)
+    for k in range(n):
+        pivot = ca.if_else(full[k, k] == 0, TINY, full[k, k])
+        product = product * pivot
+        for i in range(k + 1, n):
+            full[i, k + 1 :] -= full[i, k] / pivot * full[k, k + 1 :]
+    return product
 
 
 def guarded(jacobian: Any, values: Column) -> Column:

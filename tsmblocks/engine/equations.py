@@ -42,6 +42,18 @@ class SampledInput:
 
 
 @attrs.frozen(eq=False)
+class WatchedLoops:
+    """Linear loops whose gain changes within a run: their ``paths``, and equations with one more signal for each.
+
+    The signal is the determinant of the loop's equations, which is zero where the loop is singular.
+    """
+
+    paths: tuple[tuple[str, ...], ...]
+    rhs: Any
+    forms: LoopForms | None
+
+
+@attrs.frozen(eq=False)
 class Equations:
     """A diagram as x' = f(t, x, d, u, q, p) with outputs y, in the form that the engine takes.
 
@@ -57,7 +69,7 @@ class Equations:
     run, ``lag(p)`` the delays in s; ``min_delay_steps`` is the fewest steps that each may take (1, or 0).
 
     ``loops`` are the algebraic loops. Where some are nonlinear ``rhs`` and ``update`` solve them from ``STARTS``, and
-    ``forms`` has the functions that kernels take.
+    ``forms`` has the functions that kernels take. ``watched`` are linear loops that may become singular in a run.
     """
 
     title: str
@@ -83,6 +95,7 @@ class Equations:
     """For messages: sampled block name -> its period [s]."""
     loops: tuple[Loop, ...] = ()
     forms: LoopForms | None = None
+    watched: WatchedLoops | None = None
 
     @property
     def plain(self) -> tuple[Any, Any]:

@@ -19,6 +19,7 @@ from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
 from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
+from tsmblocks.simulation.singular_loops import with_determinants, without_determinants
 from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
 from tsmblocks.simulation.stop_condition import Ended, run_until, stop_condition, watched
 
@@ -114,6 +115,9 @@ def simulate(
     -----
     StepWarning
         Where the step is too long for the fastest pole of the diagram.
+    LoopWarning
+        Where the gain of a linear algebraic loop passes 1 between two steps, with no jump: its signals pass through
+        infinity there.
 
     Examples
     --------
@@ -131,6 +135,7 @@ def simulate(
     condition = stop_condition(eq, text) if (text := _stop_when(stop_when, diagram)) else None
     chosen, names = logged_signals(eq, log, times, condition.signals if condition else ())
     rule, p = options.rule, parameter_vector(eq, diagram)
+    eq, chosen = with_determinants(eq, chosen)
     kernel, h = single_kernel(eq, rule, chosen, backend), times.h
     if isinstance(initial, SavedState):  # instants are counted from the start of the run that is continued
         memory = restored_memory(initial, eq, start_memory(eq, kernel, p, h, None), h)
@@ -178,7 +183,7 @@ def _result(
     return Run(
         title=eq.title,
         t=t,
-        rows=ended.rows,
+        rows=without_determinants(eq, ended.rows, t),
         names=names,
         aliases=eq.aliases,
         units=eq.units,
