@@ -129,6 +129,15 @@ GAIN_CHANGE = Effect(
     separates="the same experiment before and after",
     variant="gain",
 )
+GAIN_DRIFT = attrs.evolve(
+    GAIN_CHANGE,
+    words="a gain that drifts",
+    block=blocks.GainDrift(),
+    null={"rate": 0.0},
+    free=("rate",),
+    trials=lambda scales: Trials({"rate": 0.05 / _duration(scales)}, fixed=_time_origin(scales)),
+    variant="drift",
+)
 LOOP_CHANGE = attrs.evolve(
     GAIN_CHANGE,
     words="a loop that changes at one time",
@@ -138,6 +147,7 @@ LOOP_CHANGE = attrs.evolve(
     trials=_loop_change_trials,
     variant="loop",
 )
+LOOP_CHANGE_OF_INPUT = across(LOOP_CHANGE, "loop", "loop of the input")
 DISTURBANCE = Effect(
     "periodic_disturbance",
     "time",
@@ -176,17 +186,12 @@ EFFECTS = (
     _own(LOAD_STEP),
     GAIN_CHANGE,
     _own(GAIN_CHANGE),
-    attrs.evolve(
-        GAIN_CHANGE,
-        words="a gain that drifts",
-        block=blocks.GainDrift(),
-        null={"rate": 0.0},
-        free=("rate",),
-        trials=lambda scales: Trials({"rate": 0.05 / _duration(scales)}, fixed=_time_origin(scales)),
-        variant="drift",
-    ),
+    GAIN_DRIFT,
+    _own(GAIN_DRIFT),
     LOOP_CHANGE,
-    across(LOOP_CHANGE, "loop", "loop of the input"),
+    _own(LOOP_CHANGE),
+    LOOP_CHANGE_OF_INPUT,
+    _own(LOOP_CHANGE_OF_INPUT),
     Effect(
         "creep",
         "time",
