@@ -40,7 +40,11 @@ T = np.arange(0.0, 6.0, STEP)
 TURNS = 0.5 * np.sin(1.3 * T) + 0.3 * np.sin(3.7 * T + 0.4) + 0.1 * np.sin(11 * T)
 RICH = np.where(T < 1, 0.1 * T, np.where(T > 5, TURNS[500], TURNS))
 """Slow, fast and at rest."""
-REFUSED = {"fig16_feedforward_feedback": {("rate_dependence", "x_out"), ("rate_dependence", "x_in")}}
+REFUSED = {
+    "fig16_feedforward_feedback": {
+        (name, wire) for name in ("rate_dependence", "stribeck_friction") for wire in ("x_out", "x_in")
+    }
+}
 """Around a closed loop without a lag, the rate of a signal would need itself."""
 
 

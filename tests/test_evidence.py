@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Bias, Play, Ripple
+from tsmblocks.blocks import Bias, Play, Ripple, Stretch
 from tsmblocks.diagnosis.determined import is_determined
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.model import ModelSettings, calibrate
@@ -279,3 +279,19 @@ def test_a_drift_has_a_rate_of_its_own_where_recordings_share_no_clock():
         curve = one.parameters[f"curve@{name}"].value
         middle = records[name].t.mean() - records[name].t[0]
         assert one.parameters[f"rate@{name}"].value + 2 * curve * middle == pytest.approx(rate * DEG, abs=0.004 * DEG)
+
+
+def test_a_loop_that_changes_in_one_recording_alone_has_sizes_of_its_own():
+    """Each recording begins at zero; in the second one the sheath loses 2 deg more from 20 s on."""
+    loop = tsm.Diagram(blocks={"loop": Stretch(half_width=2 * DEG, distance=2 * DEG)}, inputs={"u": "loop"})
+
+    def changed(k, t, y):
+        lost = tsm.simulate(loop, inputs={"u": (t, y)}, stop=t[-1], step=t[1] - t[0], hold="cubic")["loop.y"]
+        return np.where((k == 1) & (t > 20.0), lost, y)
+
+    records = without_clock(recordings("white", 8), changed)
+    found = tsm.diagnose(tsm.load("tendon_sheath_linear"), records, effects=["parameter_change", "jump", "hysteresis"])
+    (one,) = found.effects
+    assert one.name == "parameter_change"
+    sizes = [abs(one.parameters[f"change@{name}"].value) for name in records]
+    assert [size > 1.0 * DEG for size in sizes] == [False, True, False, False]

@@ -7,6 +7,7 @@ import pytest
 
 from tsmblocks.diagnosis import forward_selection
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
+from tsmblocks.diagnosis.decision import Verdict
 from tsmblocks.diagnosis.forward_selection import (
     SearchContext,
     SearchRound,
@@ -39,21 +40,33 @@ class Table:
         offered = [e for e in search.effects if e.name not in model]
         best = min(offered, key=lambda e: self.loss(model | {e.name}), default=None)
         passes = best is not None and self.loss(model) - self.loss(model | {best.name}) > WORTH
-        named = self.named(best, model | {best.name}) if passes else None
-        verdict = SimpleNamespace(
+        ranking = [self.named(e, model | {e.name}) for e in offered]
+        named = self.simplest(ranking, best.name, self.loss(model)) if passes else None
+        verdict = Verdict(
             named=named,
             indistinguishable=(named,) if passes else (),
-            ranking=(),
-            t=(),
+            ranking=tuple(ranking),
             critical_value=0.0,
-            significance=np.inf,
             out_of_bounds_loss=self.out_of_bounds_loss.get(model, float("inf")),
         )
         return SearchRound(model, np.array([self.loss(model)]), np.array([0.0]), (), verdict)
 
     @staticmethod
-    def named(one, model):
-        return SimpleNamespace(candidate=SimpleNamespace(effect=one), model=model)
+    def simplest(ranking, best, before):
+        """The best, or a special case of it that removes nearly as much, as ``decide`` has it."""
+        by_name = {one.candidate.effect.name: one for one in ranking}
+        least = 0.95 * (before - by_name[best].loss)
+        special = [by_name[k] for k in by_name[best].candidate.effect.contains if k in by_name]
+        return next((one for one in special if before - one.loss >= least), by_name[best])
+
+    def named(self, one, model):
+        return SimpleNamespace(
+            candidate=SimpleNamespace(effect=one),
+            model=model,
+            loss=self.loss(model),
+            tenable=True,
+            disqualifying_bounds=(),
+        )
 
 
 @pytest.fixture
@@ -106,6 +119,15 @@ def test_a_more_general_form_of_what_was_named_takes_no_place(searching):
     table = {"": 20, "A": 6, "B": 9, "C": 7, "AB": 1.04, "BC": 1.0}
     assert searching(table)[1] == "CB"
     assert searching(table, {"C": ("A",)})[1] == "AB"
+
+
+def test_a_general_form_that_explains_alone_what_two_do_is_named(searching):
+    """A is a special case of C, and so simple that the search takes it first; B mends its form."""
+    left = {"": 20, "A": 2, "B": 18, "C": 1.0, "AB": 1.0, "AC": 1.0}
+    assert searching(left, {"C": ("A",)})[1] == "C"
+    assert searching({**left, "C": 1.6, "AC": 1.6}, {"C": ("A",)})[1] == "AB"  # it does not reach what they do
+    little = {"": 20, "A": 2, "B": 18, "C": 1.97, "AB": 1.97, "AC": 1.97}
+    assert searching(little, {"C": ("A",)})[1] == "A"
 
 
 @pytest.mark.parametrize(("beyond", "named"), [(4.0, ""), (1.5, "AB"), (0.9, "")])

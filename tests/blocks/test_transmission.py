@@ -33,6 +33,7 @@ from tsmblocks.blocks import (
     Ripple,
     Slack,
     Stretch,
+    StribeckStretch,
 )
 
 # Each with its strength at zero, and the rest away from its defaults.
@@ -54,6 +55,7 @@ NULL = {
     "LoopAsymmetry": LoopAsymmetry(theta=4.0, speed=0.5),
     "PositionDependentLoop": PositionDependentLoop(distance=0.2),
     "Stretch": Stretch(distance=0.2),
+    "StribeckStretch": StribeckStretch(speed=0.5, distance=0.2),
     "Resonance": Resonance(omega=25.0, zeta=0.1),
     "Resonance fed through": Resonance(omega=25.0, zeta=0.1, feed=0.6),
     "ParallelResonance": ParallelResonance(omega=25.0, zeta=0.1),
@@ -88,6 +90,10 @@ ACTIVE = {
     "LoopAsymmetry": (LoopAsymmetry(slope_difference=-0.1, delta=0.1), ("slope_difference", "delta", "theta", "speed")),
     "PositionDependentLoop": (PositionDependentLoop(gain=-0.1), ("gain", "distance")),
     "Stretch": (Stretch(half_width=0.06), ("half_width", "distance")),
+    "StribeckStretch": (
+        StribeckStretch(half_width=0.06, breakaway=0.05, speed=0.8, distance=0.2),
+        ("half_width", "breakaway", "speed", "distance"),
+    ),
     "Resonance": (Resonance(share=0.5, omega=25.0, feed=0.4), ("share", "omega", "zeta", "feed")),
     "ParallelResonance": (
         ParallelResonance(gain=0.3, rate_gain=0.2, omega=25.0),
@@ -207,7 +213,8 @@ def test_derivatives_by_the_strengths_at_zero(name):
                  "Creep": ["share"], "Disturbance": ["cosine", "sine"], "RateDependence": ["coefficient"],
                  "Resonance": ["share"], "ParallelResonance": ["gain", "rate_gain"],
                  "NonlocalMemory": ["weights[0]"], "LoopAsymmetry": ["slope_difference", "delta"],
-                 "PositionDependentLoop": ["gain"], "Stretch": ["half_width"]}  # fmt: skip
+                 "PositionDependentLoop": ["gain"], "Stretch": ["half_width"],
+                 "StribeckStretch": ["half_width", "breakaway"]}  # fmt: skip
     x = signal([(0.8, 2.0, 0.3), (0.3, 7.0, 1.0)])
     base, (*_, behind) = places(block)
     wanted = [f"effect.{k}" for k in strengths[type(block).__name__]]
@@ -359,6 +366,17 @@ def test_a_stretch_is_dahls_hysteresis_of_slope_one_in_any_unit():
     dahl = DahlHysteresis(alpha_x=1.0, rho=0.8, half_width=0.15)
     same = simulate(dahl, {"x": lambda t: 0.5 * np.sin(4 * t), **v}, stop=2.0, step=0.01)
     assert lost["y"] == pytest.approx(same["y"], abs=1e-12)
+
+
+def test_the_width_of_a_stribeck_loop_falls_with_the_speed():
+    """At a constant speed it is a stretch of one width: w + b exp(-(v / v_s)^2)."""
+    for speed in (0.05, 0.4, 3.0):
+        given = {"u": lambda t, speed=speed: speed * t, "v": lambda _, speed=speed: speed}
+        block = StribeckStretch(half_width=0.1, breakaway=0.2, speed=0.4, distance=0.02)
+        run = simulate(block, given, stop=4.0, step=0.001)
+        width = 0.1 + 0.2 * np.exp(-((speed / 0.4) ** 2))
+        side = 1 - np.exp(-speed * run["t"] / 0.02)
+        assert run["y"] == pytest.approx(speed * run["t"] - width * side, abs=1e-6)
 
 
 @given(v=st.lists(st.floats(-3, 3), min_size=5, max_size=40))

@@ -70,6 +70,7 @@ from tsmblocks.blocks.loops import LoopChange as LoopChange
 from tsmblocks.blocks.loops import NonlocalMemory as NonlocalMemory
 from tsmblocks.blocks.loops import PositionDependentLoop as PositionDependentLoop
 from tsmblocks.blocks.loops import Stretch as Stretch
+from tsmblocks.blocks.loops import StribeckStretch as StribeckStretch
 from tsmblocks.blocks.lti import StateSpace as StateSpace
 from tsmblocks.blocks.lti import TransferFunction as TransferFunction
 from tsmblocks.blocks.lti import ZeroPoleGain as ZeroPoleGain

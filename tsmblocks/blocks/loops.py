@@ -43,6 +43,38 @@ class Stretch(Block):
 
 
 @block
+class StribeckStretch(Block):
+    r"""A signal less an elastic stretch that is larger at low speed: hysteresis by Stribeck friction.
+
+    .. math:: y = u - \left(w + b\, e^{-(v / v_s)^2}\right) z, \qquad \dot z = \frac{v - |v| z}{d}, \qquad
+        v = \dot u
+
+    The friction in a sheath stretches the tendon; where it falls with the speed, so does the width of the loop, from
+    w + b at low speed to w.
+    """
+
+    source = (
+        "Dahl, AIAA J. 14 (1976) 1675, with the level of friction of Armstrong-Hélouvry et al., Automatica 30 (1994)"
+    )
+    symbol = "− w(v) z"
+
+    half_width: float = parameter(default=0.0, about="what is lost after long travel one way, at high speed", unit="?u")
+    breakaway: float = parameter(default=0.0, about="what is lost in addition at low speed", unit="?u")
+    speed: float = parameter(default=0.1, about="Stribeck velocity, at which it falls", unit="?u/s", above=0.0)
+    distance: float = parameter(default=0.1, about="travel over which the loop turns round", unit="?u", above=0.0)
+    u = Input("any signal", unit="?u")
+    v = Input("its rate", unit="?u/s", rate_of="u")
+    y = Output("the signal less the stretch", unit="?u")
+    z: float = state(default=0.0, about="side of the loop, from -1 to 1", unit="1")
+
+    derivatives = _dahl_state
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        width = self.half_width + self.breakaway * ca.exp(-((u.v / self.speed) ** 2))
+        return dict(y=u.u - width * x.z)
+
+
+@block
 class LoopChange(Block):
     r"""A hysteresis loop that begins at one instant and stays: friction in the sheath after it is bent anew.
 

@@ -26,6 +26,7 @@ from tsmblocks.diagnosis.decision import (
     shrinkage_of,
 )
 from tsmblocks.diagnosis.evidence import evidence
+from tsmblocks.diagnosis.general_forms import generalized
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import (
@@ -233,7 +234,7 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
 
     ``shrinkage`` is that of the effects in the model already.
     """
-    bases = 0
+    bases, first, before = 0, len(rounds), shrinkage
     while len(rounds) <= MAX_EFFECTS:
         try:
             one = search_round(model, shrinkage, search)
@@ -246,9 +247,13 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
             if better is not None:  # the round again: the effect may have stood in for a poor optimum
                 model, bases = better, bases + 1
                 continue
+        general = generalized(rounds[-1].verdict, one.verdict, search.noise_variance) if len(rounds) > first else None
+        if general is not None:  # it takes the place of the effect before, and the search goes on from there
+            one, shrinkage = attrs.evolve(rounds.pop(), verdict=general), before
         rounds.append(one)
         if one.verdict.named is None:
             break
+        before = shrinkage
         model, shrinkage = next_base(one.verdict.named, shrinkage, search.settings)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch
+from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch, StribeckStretch
 from tsmblocks.effects.effect import Effect, across, in_front
 from tsmblocks.effects.trials import Scales, Trials
 
@@ -23,6 +23,14 @@ def _hysteresis_trials(scales: Scales) -> Trials:
     bounds = {"half_width": (0.0, reach), "distance": (3e-3 * reach, 2 * reach), "z": (-1.0, 1.0)}
     shapes = tuple({"distance": share * reach} for share in (0.03, 0.12, 0.4))
     return Trials({"half_width": 0.03 * reach}, shapes, bounds=bounds)
+
+
+def _stribeck_trials(scales: Scales) -> Trials:
+    plain, speed = _hysteresis_trials(scales), scales.wire.speed
+    shapes = tuple({**shape, "speed": share * speed} for shape in plain.shapes for share in (0.1, 0.3, 0.8))
+    size = plain.strengths["half_width"]
+    bounds = {**plain.bounds, "breakaway": (0.0, scales.wire.reach), "speed": (0.02 * speed, 1.5 * speed)}
+    return Trials({"half_width": size, "breakaway": size}, shapes, bounds=bounds)
 
 
 def _asymmetry_trials(scales: Scales) -> Trials:
@@ -99,6 +107,22 @@ EFFECTS = (
         confused=("backlash", "nonlocal_memory"),
         separates="minor loops of several sizes: a gap has a plateau of one width, hysteresis bends",
         within=("distance",),
+    ),
+    Effect(
+        "stribeck_friction",
+        "friction",
+        "hysteresis that narrows with the speed (Stribeck friction)",
+        "output",
+        StribeckStretch(),
+        {"half_width": 0.0, "breakaway": 0.0},
+        ("half_width", "breakaway", "speed", "distance"),
+        _stribeck_trials,
+        excites="reversals, and very slow motion beside fast motion",
+        confused=("hysteresis", "rate_dependence"),
+        separates="the same loop at three speeds or more",
+        variant="transmission",
+        within=("distance", "speed"),
+        contains=("hysteresis",),
     ),
     Effect(
         "asymmetric_hysteresis",

@@ -38,6 +38,7 @@ SET: dict[str, dict[str, Any]] = {
     "NonlocalMemory": dict(weights=(0.3, 0.3, 0.3)),
     "PositionDependentLoop": dict(gain=0.4),
     "Stretch": dict(half_width=0.2),
+    "StribeckStretch": dict(half_width=0.1, breakaway=0.2),
     "RateDependence": dict(coefficient=0.2),
     "Resonance": dict(share=1.0, omega=12.0),
     "Ripple": dict(sine=0.05, cycles=12.0),
@@ -81,7 +82,7 @@ def _all(port: str, source: Block, names: str) -> dict[str, dict[str, Block]]:
 
 
 DRIVE: dict[str, dict[str, Block]] = {
-    **_all("u", TWO, "Play TaoBacklash PrandtlIshlinskii NonlocalMemory Stretch"),
+    **_all("u", TWO, "Play TaoBacklash PrandtlIshlinskii NonlocalMemory Stretch StribeckStretch"),
     **_all(
         "x", SLOW, "AsymmetricBoucWen BoucWen DahlHysteresis ElasticBacklash GeneralizedBoucWen FeedforwardCompensator"
     ),
