@@ -779,3 +779,30 @@ def test_no_warnings_where_all_goes_well():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         simulate(d, stop=2.0, step=0.01, locate=True)
+
+
+def test_play_behind_a_relay_that_jumps():
+    """The band is pushed by the input just before the jump and just after it; on the grid alone with an error of h."""
+    d = Diagram(
+        title="jump",
+        blocks=dict(
+            s=Sine(amplitude=1.0, frequency=1.0), r=Relay(on=0.5, off=-0.5, high=-1.0, low=1.0), a=Sum(signs="++"),
+            p=Play(half_width=0.3),
+        ),
+        wires=["s -> r -> a.plus1", "s -> a.plus2", "a -> p"],
+    )  # fmt: skip
+    t = np.union1d(np.linspace(0.0, 1.0, 2001), [1 / 12, 7 / 12])
+    left, right = np.where(t <= 1 / 12, 1.0, -1.0), np.where(t < 1 / 12, 1.0, -1.0)
+    left, right = np.where(t > 7 / 12, 1.0, left), np.where(t >= 7 / 12, 1.0, right)
+    m, wanted = 0.0, []
+    for before, after in zip(left + np.sin(2 * np.pi * t), right + np.sin(2 * np.pi * t), strict=True):
+        for u in (before, after):
+            m = min(max(m, u - 0.3), u + 0.3)
+        wanted.append(m)
+    errors = []
+    for step, locate in ((0.01, True), (0.01, False), (0.0025, False)):
+        run = simulate(d, stop=1.0, step=step, locate=locate)
+        away = (abs(run.t - 1 / 12) > 0.011) & (abs(run.t - 7 / 12) > 0.011)
+        errors.append(abs(run["p.y"] - np.interp(run.t, t, wanted))[away].max())
+    assert errors[0] < 1e-11
+    assert 1e-3 < errors[2] < 0.5 * errors[1] < 0.05

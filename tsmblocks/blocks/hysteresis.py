@@ -323,7 +323,9 @@ class Play(Block):
     .. math:: y = k \max(u - w, \min(u + w, m))
 
     The memory m is the value of the max a step ago, so the law is exact on the grid as long as
-    the input does not turn within a step.
+    the input does not turn within a step. Behind a block that jumps on the grid (a relay) the input turns there: the
+    output is that of the new input, and m, until the next step, that of the old one, an error of the step's order;
+    located switches have none.
     """
 
     source = "Brokate and Sprekels, Hysteresis and Phase Transitions (1996), chapter 2"

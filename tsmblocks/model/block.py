@@ -142,6 +142,10 @@ class Block:
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         """Return the new values of the memory states, and of the continuous states that are reset.
 
+        All blocks are updated at once, from the signals before the update: where the memory of another block jumps at
+        that instant, as a relay switches, this one reads the jump at its next update (a step, or a sample, later). With
+        ``simulate(..., locate=True)`` it reads the value before the jump and the one after it.
+
         Parameters
         ----------
         t : SX or float
