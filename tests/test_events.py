@@ -806,3 +806,15 @@ def test_play_behind_a_relay_that_jumps():
         errors.append(abs(run["p.y"] - np.interp(run.t, t, wanted))[away].max())
     assert errors[0] < 1e-11
     assert 1e-3 < errors[2] < 0.5 * errors[1] < 0.05
+
+
+def test_a_held_input_switches_where_it_jumps():
+    d = Diagram(
+        title="held", blocks=dict(r=Relay(on=2.5, off=-2.5, high=1.0, low=0.0), i=Integrator()), wires=["r -> i"],
+        inputs={"u": "r.u"}, outputs={"y": "i"},
+    )  # fmt: skip
+    t = np.arange(11) * 0.1
+    run = simulate(d, stop=0.91, step=0.07, inputs={"u": (t, 1.0 * np.arange(11))}, hold="zero", locate=True)
+    (event,) = run.events
+    assert event.t == pytest.approx(0.3, abs=1e-12)
+    assert run["y"] == pytest.approx(np.maximum(run.t - 0.3, 0.0), abs=1e-12)

@@ -249,3 +249,27 @@ def test_batches_and_sensitivities_refuse_a_condition_that_they_do_not_know():
         tsm.sensitivities(ending, ["motor.K"], **options)
     again = ending.with_simulation(attrs.evolve(ending.simulation, stop_when=""))
     assert tsm.simulate_batch(again, {"motor.K": [1.0]}, **options)["x"].shape == (1, 201)
+
+
+@pytest.mark.parametrize("locate", [False, True])
+@pytest.mark.parametrize("step", [0.1, 0.01, 0.03, 0.07])
+def test_a_held_input_ends_a_run_where_it_jumps(step, locate):
+    """A sample counts at the instant of the grid that it nearly meets, but not before it comes within a step."""
+    d = tsm.Diagram(
+        title="held",
+        blocks={"g": Gain(), "lag": FirstOrderLag()},
+        wires=["g -> lag"],
+        inputs={"u": "g"},
+        outputs={"y": "g"},
+    )
+    t = np.arange(11) * 0.1
+    run = tsm.simulate(
+        d, stop=0.9, step=step, inputs={"u": (t, 1.0 * np.arange(11))}, hold="zero", locate=locate, stop_when="y > 2.5"
+    )
+    assert run.t[-1] == pytest.approx(0.3, abs=1e-11 * step)
+    assert run["y"][-1] == 3.0
+    late = t + 0.5e-3 * step
+    on_grid = round(0.3 / step) * step == pytest.approx(0.3)
+    options = dict(stop=0.9, step=step, hold="zero", locate=locate, stop_when="y > 2.5")
+    run = tsm.simulate(d, inputs={"u": (np.append(0.0, late[1:]), 1.0 * np.arange(11))}, **options)
+    assert run.t[-1] == pytest.approx(0.3 if on_grid else late[3], abs=1e-11 * step)

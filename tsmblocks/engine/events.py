@@ -17,7 +17,6 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError
-from tsmblocks.engine.inputs import input_rows
 from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.session import Session, Stopped
 from tsmblocks.engine.switches import Frozen, freeze
@@ -202,8 +201,7 @@ class _Walk:
 
     def _advance(self, kernel: Kernel, memory: Memory, n: int, final: bool, rows: np.ndarray) -> None:
         s = self.s
-        u = input_rows(s.signals, s.start, s.h, self.k, n, kernel.plan.method.instants)
-        kernel.advance(memory, u, rows, Steps(s.start, s.h, self.k, n, final, s.hits))
+        kernel.advance(memory, s.inputs(self.k, n), rows, Steps(s.start, s.h, self.k, n, final, s.hits))
 
     def _keep(self, rows: np.ndarray) -> None:
         """Log the rows, which begin at the present instant, that are due."""

@@ -188,15 +188,24 @@ def _kinds(name: str, given: Any) -> str:
 
 
 def input_rows(
-    signals: list[tuple[Signal, int]], start: float, step: float, first: int, count: int, offsets: tuple[float, ...]
+    signals: list[tuple[Signal, int]],
+    start: float,
+    step: float,
+    first: int,
+    count: int,
+    offsets: tuple[float, ...],
+    late: float = LATE_SAMPLE,
 ) -> np.ndarray:
-    """Inputs at each instant of steps ``first`` … ``first+count``, shape (count+1, instants, inputs)."""
+    """Inputs at each instant of steps ``first`` … ``first+count``, shape (count+1, instants, inputs).
+
+    A sample counts at an instant that it misses by less than the share ``late`` of a step.
+    """
     made = np.empty((count + 1, len(offsets), len(signals)))
     if not signals:
         return made
     k = np.arange(first, first + count + 1)
     for i, offset in enumerate(offsets):
-        t, shift = start + (k + offset) * step, LATE_SAMPLE * step * (-1 if offset == 1 else 1)
+        t, shift = start + (k + offset) * step, late * step * (-1 if offset == 1 else 1)
         for j, (signal, order) in enumerate(signals):
             if signal.is_found_by_position(order, offset) and signal.is_on_steps(start, step):
                 made[:, i, j] = signal.on_steps(first, count, offset, order)

@@ -144,7 +144,8 @@ def _sampled(given: Any, name: str, unit: str, hold: str) -> Any:
 class Session:
     """A run in progress. ``advance`` takes steps and returns the logged rows; ``memory`` is the state.
 
-    ``events`` is used by sessions that locate switching instants only.
+    ``events`` is used by sessions that locate switching instants only. ``cut`` is an
+    instant that lies within a step of the grid, where a sample counts once it has come, not a little before.
     """
 
     eq: Equations
@@ -157,6 +158,7 @@ class Session:
     k: int = 0
     hits: tuple[int, ...] = ()
     events: list[Any] = attrs.field(factory=list)
+    cut: int | None = None
 
     def rows_in(self, n: int, final: bool) -> int:
         """Number of logged instants within the next n steps."""
@@ -170,10 +172,18 @@ class Session:
     def advance(self, n: int, final: bool, y: np.ndarray) -> None:
         """Take n steps, writing the rows logged into ``y``, shape (rows, size of a row)."""
         kernel = self.kernel
-        u = input_rows(self.signals, self.start, self.h, self.k, n, kernel.plan.method.instants)
+        u = self.inputs(self.k, n)
         steps = Steps(self.start, self.h, self.k, n, final, self.hits, self.every, -self.k % self.every)
         kernel.advance(self.memory, u, y, steps)
         self.k += n
+
+    def inputs(self, k: int, n: int) -> np.ndarray:
+        """Sampled inputs of n steps from the k-th on, and at the instant after them."""
+        grid, instants = (self.start, self.h), self.kernel.plan.method.instants
+        u = input_rows(self.signals, *grid, k, n, instants)
+        if k + n == self.cut:
+            u[-1] = input_rows(self.signals, *grid, k + n, 0, instants, late=0.0)[0]
+        return u
 
     def run(self, steps: int, progress: Callable[[float], None] | None) -> tuple[np.ndarray, Stopped | None]:
         """Run ``steps`` steps, or up to where the run diverges or is interrupted."""

@@ -105,12 +105,14 @@ class Crossing:
         return 1e-13 * self.h + 4 * EPS * abs(t)
 
     def _inputs(self, t: float, length: float) -> np.ndarray:
-        """Sampled inputs over a part of a step; at its end the limits from the left."""
+        """Sampled inputs over a part of a step; at its end, where that is on the grid, the limits from the left."""
         if not self.signals:
             return self.no_inputs
         made = input_rows(self.signals, t, length, 0, 1, (*self.instants, 1.0))
         u = np.ascontiguousarray(made[:, : len(self.instants)])
-        u[1, 0] = made[0, -1]
+        steps = (t + length - self.start) / self.h
+        on_grid = abs(steps - round(steps)) <= INSTANT_TOLERANCE
+        u[1, 0] = made[0, -1] if on_grid else input_rows(self.signals, t + length, length, 0, 0, (0.0,), late=0.0)[0]
         return u
 
     def _part(self, here: Point, t: float) -> Point | None:

@@ -115,6 +115,7 @@ def _crossing(here: Session, margin: float, one: Watched) -> tuple[np.ndarray, S
     def reached(length: float) -> float:
         end = _copy(here)
         end.h, end.start = length, here.start + here.k * (here.h - length)  # this instant keeps its number
+        end.cut = here.k + 1 if length < here.h else None
         rows, _ = end.run(1, None)
         ends[length] = rows[-1:], end
         return float(one.margin(rows[-1:])[0]) or -sys.float_info.min
