@@ -147,6 +147,27 @@ def test_loops_with_a_kink_or_a_curve_follow_their_closed_forms(backend, locate)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("size", [1e-9, 1e-13, 1e-40])
+def test_small_signals_are_solved_as_exactly_as_large_ones(size, backend):
+    d = ring(Cubic(a=1 / size**2), ref=Sine(amplitude=2.0 * size, frequency=0.7))
+    run = tsm.simulate(d, stop=2.0, step=0.01, backend=backend)
+    assert run["y"] / size == pytest.approx(cardano(run["ref.y"] / size), abs=1e-14)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_loop_that_rests_at_zero_but_for_rounding_is_solved_at_once(backend):
+    """e = (r - 0.1 r - 0.9 r) - e^3: what is left of r is its rounding."""
+    d = tsm.Diagram(
+        title="rest",
+        blocks=dict(r=Sine(amplitude=7.0), a=Gain(gain=0.1), b=Gain(gain=0.9), s=Sum(signs="+---"), c=Cubic(a=1.0)),
+        wires=["r -> a -> s.minus1", "r -> b -> s.minus2", "r -> s.plus", "s -> c -> s.minus3"],
+    )
+    run = tsm.simulate(d, stop=2.0, step=0.01, backend=backend)
+    assert run["s.y"] == pytest.approx(0.0, abs=1e-14)
+    assert run.loops[0].mean_iterations < 4
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_a_condition_on_the_signal_itself_is_not_linear(backend):
     """e + (1 unless e is 0) = 3."""
     run = tsm.simulate(ring(Unless(), ref=Ramp(slope=0.0, initial=3.0)), stop=0.1, step=0.01, backend=backend)

@@ -131,7 +131,7 @@ class Closure:
             correction = ca.Function("correction", [z, w], [-quotient(jacobian, f), f, jacobian])
             given = correction.call([z, w])[: 2 if self._eliminate else 3]
             solving = newton_correction(z, w, *given)
-            solver = solving_function(self._first + len(self._open), solving)
+            solver = solving_function(self._first + len(self._open), solving, of_step=self._eliminate)
             self._order.append(_Open(z, reads, solver, correction))
             self.loops.append(Loop(path, z.shape[0], solving, self._function))
         else:

@@ -12,6 +12,7 @@ from tsmblocks.engine.loops import (
     FLOOR,
     LEAST_SHARE,
     MOST_ITERATIONS,
+    STALLED,
     STARTS,
     STATISTICS,
     TOLERANCE,
@@ -33,6 +34,7 @@ class LoopWriter:
     def __init__(self, name: str, loop: Loop, wide: Sequence[bool], lanes: int, fused: bool) -> None:
         self.w = Writer(lanes, fused)
         self.wide, self.lanes, self.size = any(wide), lanes, loop.size
+        self.of_step = loop.of_step
         self.type, self.bit = self.w.type(self.wide), f"<{lanes} x i1>" if self.wide else "i1"
         self.program = Program(loop.correction)
         self.node_wide = [bool(g) for g in self.program.grade({0: self.wide, 1: list(wide)})]
@@ -145,7 +147,7 @@ class LoopWriter:
         self._evaluate(values, [f"%c{k}" for k in n], moving=True)
         step, size = [self._result(values, 0, k) for k in n], self._result(values, 1, 0)
         near = self._compare("one", self._result(values, 2, 0), zero)
-        small, accepted = self._logic("and", near, self._small(step, guess)), self._accepted(size)
+        small, accepted = self._logic("and", near, self._small(step, guess, size)), self._accepted(size)
         points = [(self._pick(accepted, f"%c{k}", f"%z{k}"), self._pick(accepted, step[k], f"%dz{k}")) for k in n]
         merit, share = self._pick(accepted, size, "%merit"), self._share(accepted)
         tries = w.emit(f"fadd {self.type} %tries, {one}")
@@ -209,13 +211,17 @@ class LoopWriter:
             value = self._pick(self._compare("oeq", number, self._number(n)), self._number(start_value(n, k)), value)
         return value
 
-    def _small(self, step: list[str], guess: list[str]) -> str:
+    def _small(self, step: list[str], guess: list[str], size: str) -> str:
         """Whether a correction is so small that the method ends."""
         w, small = self.w, ""
+        floor = self._number(FLOOR)
+        if not self.of_step:
+            enough = w.emit(f"fmul {self.type} %merit, {self._number(STALLED)}")
+            floor = self._pick(self._compare("ogt", size, enough), floor, self._number(0.0))
         for k, value in enumerate(step):
             sizes = w.emit(f"fadd {self.type} {self._size_of(f'%c{k}')}, {self._size_of(guess[k])}")
             most = w.emit(f"fmul {self.type} {sizes}, {self._number(TOLERANCE)}")
-            most = w.emit(f"fadd {self.type} {most}, {self._number(FLOOR)}")
+            most = w.emit(f"fadd {self.type} {most}, {floor}")
             one = self._compare("ole", self._size_of(value), most)
             small = self._logic("and", small, one) if small else one
         return small

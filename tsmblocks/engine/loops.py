@@ -25,7 +25,11 @@ DECREASE = 0.02
 """Share by which a correction must reduce the sum of squares of F, times the share of the correction taken. Chosen:
 small, as usual for backtracking (Nocedal and Wright, Numerical Optimization, 3.1)."""
 TOLERANCE, FLOOR = 1e-8, 1e-12
-"""Correction at which the method ends: a share of z, and its least size. The error left is of its square. Chosen."""
+"""Correction at which the method ends: a share of z, and a size that ends it where F is reduced no more (``STALLED``),
+as rounding near z = 0 does. The error left is of its square. Chosen."""
+STALLED = 0.25
+"""Share of the sum of squares of F that counts as no reduction. Chosen: near a solution a correction leaves far less,
+1/16 even at a double root. Steps of a method do not wait for it: they are small where states rest."""
 RESIDUAL = 1e-5
 """Norm of F, as a share of 1 + |z|, above which a small correction is no solution: F is steep there, as a square root
 is at 0, and not zero. Chosen: far above the rounding of F in loops with gains up to 1e9."""
@@ -50,6 +54,11 @@ class Loop:
     size: int
     correction: Any = attrs.field(default=None, repr=False)
     function: str = "rhs"
+
+    @property
+    def of_step(self) -> bool:
+        """Whether these are the states of a step of an implicit method."""
+        return self.function == "advance"
 
     @property
     def linear(self) -> bool:
@@ -151,7 +160,7 @@ def newton_correction(z: Any, w: Any, step: Any, f: Any, jacobian: Any = None) -
     return ca.Function("correction", [z, w], [step, size, near])
 
 
-def solving_function(number: int, correction: Any) -> Any:
+def solving_function(number: int, correction: Any, *, of_step: bool = False) -> Any:
     """The solution of a loop as a function of the last one and of w, with the number of iterations.
 
     It is not inlined, so that kernels can recognise it by its name. Its derivative counts as 0 (see ``LoopForms``); it
@@ -159,7 +168,7 @@ def solving_function(number: int, correction: Any) -> Any:
     """
     n, m = correction.size1_in(0), correction.size1_in(1)
     guess, w = ca.MX.sym("guess", n), ca.MX.sym("w", m)
-    one = _iteration(correction)
+    one = _iteration(correction, of_step)
     state = one.fold(6)(_begin(guess, w))
     most = (1 + STARTS) * MOST_ITERATIONS
     rest = one.fold(most)(state)
@@ -178,7 +187,7 @@ def _begin(guess: Any, w: Any) -> Any:
     return ca.vertcat(nothing, start, start, start, 0 * guess, np.inf, 1, 0, 0, 0, undefined, w)
 
 
-def _iteration(correction: Any) -> Any:
+def _iteration(correction: Any, of_step: bool) -> Any:
     """One evaluation of F and what follows from it, as a function from state to state (order: see ``names``).
 
     ``root`` is the result, ``c`` the candidate, ``z`` the last accepted point with its correction ``dz`` and sum of
@@ -190,7 +199,8 @@ def _iteration(correction: Any) -> Any:
     old = {k: ca.SX.sym(k, size) for k, size in names.items()}
     root, guess, c, z, dz, merit, share, tries, start, count, done, w = old.values()
     step, size, near = correction.call([c, w])
-    small = ca.logic_and(near, ca.mmin(ca.fabs(step) <= TOLERANCE * (ca.fabs(c) + ca.fabs(guess)) + FLOOR))
+    floor = FLOOR if of_step else ca.if_else(size > STALLED * merit, FLOOR, 0.0)
+    small = ca.logic_and(near, ca.mmin(ca.fabs(step) <= TOLERANCE * (ca.fabs(c) + ca.fabs(guess)) + floor))
     accepted = ca.logic_and(size <= (1 - DECREASE * share) * merit, size < FINITE)
     z, dz, merit = (ca.if_else(accepted, a, b) for a, b in ((c, z), (step, dz), (size, merit)))
     share = ca.if_else(accepted, ca.fmin(4 * share, 1), share / 2)

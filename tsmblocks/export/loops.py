@@ -10,6 +10,7 @@ from tsmblocks.engine.loops import (
     FLOOR,
     LEAST_SHARE,
     MOST_ITERATIONS,
+    STALLED,
     STARTS,
     TOLERANCE,
     Loop,
@@ -44,8 +45,9 @@ static void {n}_loop_{number}(const double *w, double *root)
     for (;;) {{
         int small;
         const double sum = {n}_correction_{number}(c, w, step, &small);
+        const double least = {least_step};
         for (i = 0; i < {size}; i++) {{
-            small = small && fabs(step[i]) <= {tolerance} * (fabs(c[i]) + fabs(guess[i])) + {floor};
+            small = small && fabs(step[i]) <= {tolerance} * (fabs(c[i]) + fabs(guess[i])) + least;
         }}
         if (small) {{
             for (i = 0; i < {size}; i++) {{
@@ -102,12 +104,18 @@ def solver_functions(name: str, loops: Sequence[Loop]) -> Iterator[str]:
             starts=STARTS,
             values=", ".join(f"{{{row}}}" for row in rows),
             tolerance=c_double(TOLERANCE),
-            floor=c_double(FLOOR),
+            least_step=_least_step(loop),
             decrease=c_double(DECREASE),
             finite=c_double(FINITE),
             least=c_double(LEAST_SHARE),
             most=MOST_ITERATIONS,
         )
+
+
+def _least_step(loop: Loop) -> str:
+    """The size of a correction that ends the method whatever z."""
+    floor = c_double(FLOOR)
+    return floor if loop.of_step else f"(sum > {c_double(STALLED)} * merit) ? {floor} : 0.0"
 
 
 def _correction(name: str, loop: Loop) -> Iterator[str]:
