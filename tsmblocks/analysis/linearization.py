@@ -12,7 +12,7 @@ import numpy as np
 
 from tsmblocks.analysis.discrete_time import sampled_model
 from tsmblocks.analysis.operating_point import LocalEquations, Point, evaluated, local_equations
-from tsmblocks.blocks import Encoder, Gain, Quantiser
+from tsmblocks.analysis.steady import switched_as_they_are, without_rounding
 from tsmblocks.common.arguments import as_integer, as_list, as_number
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.tables import unique_names
@@ -112,6 +112,7 @@ def equations_at(
         raise RunError(f"{what} must be a point that trim returned, or a run, got {in_words(point)}.")
     if point.parameters:
         diagram = diagram.with_parameters(point.parameters)
+    diagram = switched_as_they_are(diagram, point.memory)
     here = local_equations(diagram, point.inputs, point.t, sampled=True)
     missing = [k for k in here.eq.x if k not in point.states]
     if missing:
@@ -139,16 +140,6 @@ def end_of_run(run: Run, diagram: Diagram) -> Point:
         run.units,
         dict(zip(rest, memory.d.tolist(), strict=False)),
     )
-
-
-def without_rounding(diagram: Diagram) -> Diagram:
-    """The diagram with encoders and quantisers replaced by a gain of 1, their mean effect."""
-    for name, block in diagram.blocks.items():
-        if isinstance(block, (Encoder, Quantiser)):
-            diagram = diagram.replace(name, Gain(unit=block.outports["y"].unit.removeprefix("?u")))
-        elif isinstance(block, Diagram) and (inner := without_rounding(block)) is not block:
-            diagram = diagram.replace(name, inner)
-    return diagram
 
 
 def _chosen(

@@ -13,8 +13,9 @@ import numpy as np
 
 from tsmblocks.analysis.crossings import stability_margins
 from tsmblocks.analysis.discrete_time import sampled_model
-from tsmblocks.analysis.linearization import equations_at, linearize, without_rounding
+from tsmblocks.analysis.linearization import equations_at, linearize
 from tsmblocks.analysis.operating_point import LocalEquations, Point, local_equations, point_at
+from tsmblocks.analysis.steady import without_rounding
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.tables import listed
 from tsmblocks.engine.equations import Equations

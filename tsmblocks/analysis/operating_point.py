@@ -9,6 +9,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
+from tsmblocks.analysis.steady import switched_as_they_are
 from tsmblocks.common.arguments import as_list, as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.tables import columns
@@ -143,6 +144,7 @@ def local_equations(
 
     With ``sampled``, sampled blocks are accepted, but not memory from step to step.
     """
+    diagram = switched_as_they_are(diagram)
     eq = equations(diagram)
     if (eq.periods or eq.d) and not (sampled and eq.periods and not eq.every_step):
         owners = list(dict.fromkeys(name.rpartition(".")[0] for name in eq.d))

@@ -90,6 +90,8 @@ from tsmblocks.blocks.sources import Sine as Sine
 from tsmblocks.blocks.sources import Staircase as Staircase
 from tsmblocks.blocks.sources import Step as Step
 from tsmblocks.blocks.sources import Triangle as Triangle
+from tsmblocks.blocks.switching import Enable as Enable
+from tsmblocks.blocks.switching import Trigger as Trigger
 from tsmblocks.blocks.tables import LookupTable as LookupTable
 from tsmblocks.blocks.tables import LookupTable2D as LookupTable2D
 from tsmblocks.blocks.transmission import Bend as Bend

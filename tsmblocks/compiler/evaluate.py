@@ -9,6 +9,7 @@ values are expressions of what the engine stores of a signal.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -18,6 +19,7 @@ import casadi as ca
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
 from tsmblocks.compiler.dependencies import EQUATIONS, call
 from tsmblocks.compiler.flatten import FlatDiagram, Node, is_held_output
+from tsmblocks.compiler.past_values import held_past, interpolated_past
 from tsmblocks.engine.closure import Tear
 from tsmblocks.engine.equations import DELAY_NUMBERS, SampledInput
 from tsmblocks.model.block import signals
@@ -65,22 +67,25 @@ class Evaluator:
         for path, shape in flat.structures.items():
             if shape.memory or shape.resets:
                 fresh |= self._updated(path)
+            else:
+                self.form(self._switch_nodes(path, "y"))
         held = [key[:2] for key in flat.d if is_held_output(key)]
         self.form(("y", *key) for key in held)
         fresh |= {(*key, "held"): self.value["y", *key] for key in held}
         d = [fresh[key] for key in flat.d]
-        x = [fresh.get(key, self.x[key]) for key in flat.x]
+        x = [fresh.get(key, getattr(self._states(key[0]), key[1])) for key in flat.x]
         return d, x
 
     def _updated(self, path: str) -> dict[tuple[str, ...], Any]:
         """New memory of one block; a sampled block keeps its own between samples."""
         flat, block = self.flat, self.flat.symbolic_blocks[path]
         nodes = {name: self._source(path, name) for name in block.read_names}
-        self.form(nodes.values())
+        self.form([*nodes.values(), *self._switch_nodes(path, "dx")])
         new = self._call(path, "updates", {name: self.value[node] for name, node in nodes.items()})
-        if path in flat.group:
-            x, hit = self._states(path), self.hit[flat.group[path]]
-            new = {k: ca.if_else(hit, v, getattr(x, k)) for k, v in new.items()}
+        acts = self._sampled_now(path) if path in flat.group else self._on(path)
+        if acts is not None:
+            x = self._states(path)
+            new = {k: ca.if_else(acts, v, getattr(x, k)) for k, v in new.items()}
         return {(path, k): v for k, v in new.items()}
 
     def sampled_inputs(self) -> Iterable[Any]:
@@ -151,7 +156,8 @@ class Evaluator:
         block = flat.symbolic_blocks[path]
         # In the order of ports: that of the set ``wanted`` differs between processes.
         ordered = wanted if len(wanted) < 2 else [name for name in block.read_names if name in wanted]
-        missing = [n for k in ordered if (n := self._source(path, k)) not in self.value]
+        needed = [*(self._source(path, k) for k in ordered), *self._switch_nodes(path, kind)]
+        missing = [n for n in needed if n not in self.value]
         if not missing:
             self._evaluate(path, kind)
         return missing
@@ -168,13 +174,42 @@ class Evaluator:
         ready = {name for name, node in nodes.items() if node in self.value}
         needs = shape.outputs if kind == "y" else shape.rates
         result = self._call(path, EQUATIONS[kind], values)
+        on = self._on(path) if kind == "dx" else None
         for name, wanted in needs.items():
             node = (kind, path, name)
             if wanted <= ready and (node not in self.value or node in self.tears):
-                value = result[name]
+                value = result[name] if on is None else ca.if_else(on, result[name], 0.0)
                 if kind == "y" and path in flat.group:
-                    value = ca.if_else(self.hit[flat.group[path]], value, self.d[path, name, "held"])
+                    begins = self._begins(path)
+                    acts = self._sampled_now(path)
+                    acts = acts if begins is None else ca.logic_or(acts, begins)
+                    value = ca.if_else(acts, value, self.d[path, name, "held"])
                 self._set(node, value)
+
+    # ---- diagrams that are switched on and off
+
+    def _switch_nodes(self, path: str, kind: str) -> list[Node]:
+        """Nodes that say when what switches a block acts, as far as its outputs (or derivatives) need them."""
+        flat, around = self.flat, self.flat.switches[path]
+        on = [one.on for one in around if kind == "dx" or (not self.held and path in flat.group)]
+        return on + [one.begins for one in around if one.resets and not self.held and flat.blocks[path].states]
+
+    def _on(self, path: str) -> Any:
+        """Whether everything that switches a block is on; None without any."""
+        nodes = [self.value[one.on] for one in self.flat.switches[path]]
+        return functools.reduce(ca.logic_and, nodes) if nodes else None
+
+    def _begins(self, path: str) -> Any:
+        """Whether the states of a block take their initial values at this instant; None where they never do."""
+        nodes = [self.value[one.begins] for one in self.flat.switches[path] if one.resets]
+        return functools.reduce(ca.logic_or, nodes) if nodes and not self.held else None
+
+    def _sampled_now(self, path: str) -> Any:
+        """Whether a sampled block acts at this instant."""
+        hit, on = self.hit[self.flat.group[path]], self._on(path)
+        if any(one.triggers for one in self.flat.switches[path]):
+            return on
+        return hit if on is None else ca.logic_and(hit, on)
 
     def _form_past(self, node: Node) -> Iterable[Node]:
         """A past value; where the present value takes part in it, that is formed first."""
@@ -285,8 +320,11 @@ class Evaluator:
     def _states(self, path: str) -> Any:
         """States of a block by name."""
         block, shape = self.flat.symbolic_blocks[path], self.flat.structures[path]
-        names = list(block.states)
-        return signals(names, [self.x[path, k] if k in shape.rates else self.d[path, k] for k in names])
+        values = {k: self.x[path, k] if k in shape.rates else self.d[path, k] for k in block.states}
+        begins = self._begins(path) if values else None
+        if begins is not None:
+            values = {k: ca.if_else(begins, block.states[k].start, v) for k, v in values.items()}
+        return signals(list(values), values.values())
 
     def _call(self, path: str, equation: str, values: Mapping[str, Any]) -> dict[str, Any]:
         """One equation of a block, with ``values`` as its inputs, in the order of ports."""
@@ -338,52 +376,3 @@ class Evaluator:
                     idle.append(path)
         what = "would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, counts as a path"
         return f" Now {' and '.join(idle)} {what} until it is left out." if idle else ""
-
-
-def interpolated_past(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
-    """The value of a signal ``delay`` s before ``t``: on the cubic through four instants, fewer near the start.
-
-    Both curves are Newton polynomials of at most third order: through the stored instants, a step apart, by backward
-    differences; through ``now`` and the newest stored instants, which need not be a step apart, by divided differences.
-
-    ``kept`` are the stored numbers (``DELAY_NUMBERS``). ``first`` is the value before the start (None: the first stored
-    one). ``now`` is the present value (None: it may not take part); it is the newest point where the wanted instant
-    lies after all stored ones.
-    """
-    *values, newest, per_second, count = kept
-    y0, y1, y2, y3 = values
-    since = (t - delay - newest) * per_second  # steps from the newest stored instant to the wanted one
-
-    def if_known(n: int, value: Any) -> Any:
-        """A difference that needs so many instants, and counts as zero without."""
-        return ca.if_else(count >= n, value, 0.0)
-
-    d1, d2 = y3 - y2, y3 - 2 * y2 + y1
-    d3 = if_known(4, (y3 - 3 * y2 + 3 * y1 - y0) / 3)
-    value = y3 + since * (if_known(2, d1) + (since + 1) / 2 * (if_known(3, d2) + (since + 2) * d3))
-    # ``passed``: steps from the first stored instant to the wanted one
-    passed, before = ca.fmax(count - 1, 0.0) + since + _rounding(t, per_second), y3 if first is None else first
-    if now is None:
-        return ca.if_else(ca.floor(passed) < 0, before, value)
-    # In steps: from now back to the wanted instant, and from the newest stored instant to now.
-    back, away = -delay * per_second, ca.if_else(count >= 1, (t - newest) * per_second, 1.0)
-    e1 = if_known(1, (now - y3) / away)
-    e2 = if_known(2, (e1 - d1) / (away + 1))
-    e3 = if_known(3, (e2 - d2 / 2) / (away + 2))
-    recent = now + back * (e1 + (back + away) * (e2 + (back + away + 1) * e3))
-    value = ca.if_else(ca.logic_or(since > 0, count < 1), recent, value)
-    before = ca.if_else(count < 1, now, y3) if first is None else first
-    return ca.if_else(passed < 0, before, value)
-
-
-def held_past(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
-    """As ``interpolated_past``, for a signal that is constant within steps: its jumps stay jumps."""
-    y0, y1, y2, y3, newest, per_second, count = kept
-    back = ca.floor((t - delay - newest) * per_second + _rounding(t, per_second))
-    value = ca.if_else(back >= 0, y3, ca.if_else(back >= -1, y2, ca.if_else(back >= -2, y1, y0)))
-    return ca.if_else(ca.fmax(count - 1, 0.0) + back < 0, y3 if first is None else first, value)
-
-
-def _rounding(t: Any, per_second: Any) -> Any:
-    """Steps by which rounding may move an instant off the grid."""
-    return 1e-10 + 4e-15 * ca.fabs(t) * per_second

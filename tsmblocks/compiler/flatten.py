@@ -12,7 +12,9 @@ import attrs
 import casadi as ca
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError, EquationError
+from tsmblocks.compiler import switched
 from tsmblocks.compiler.dependencies import Structure, structure_of
+from tsmblocks.compiler.switched import Switch
 from tsmblocks.model.block import Block, Past, is_reference
 from tsmblocks.model.diagram import Diagram
 
@@ -48,7 +50,8 @@ class FlatDiagram:
     A block's path is its name after the names of the diagrams around it (``motor.drive``).
 
     - By path: ``blocks`` as given, ``symbolic_blocks`` with symbols, ``structures`` (their dependencies), ``group``
-      (of a sampled block, the index of its period in ``periods`` [s]).
+      (of a sampled block, the index of its period in ``periods`` [s]), ``switches`` (what switches the diagrams around
+      it, the outermost first).
     - Wiring: ``driver`` is the node that drives each input port, ``shown`` the node of each output of the diagram.
     - Keys: ``x`` are the continuous states, ``resets`` those that updates set, ``d`` memory states, then the outputs of
       sampled blocks, which are ``held`` between samples. ``p`` are the symbols of parameters by name.
@@ -64,8 +67,9 @@ class FlatDiagram:
         self.p: dict[str, Any] = {}
         self.p_values: list[float] = []
         self.inputs: dict[str, str] = {k: v.unit for k, v in diagram.inports.items()}
+        self.switches: dict[str, tuple[Switch, ...]] = {}
         self._wires: dict[Node, Node] = {}  # an input port, or an output of a diagram -> what drives it
-        self._collect(diagram, "")
+        self._collect(diagram, "", ())
         followed = {node: self._followed(node) for node in self._wires}
         self.driver = {(path, port): v for (kind, path, port), v in followed.items() if path in self.blocks}
         self.shown = {k: followed["out", "", k] for k in diagram.shown}
@@ -73,14 +77,17 @@ class FlatDiagram:
 
     # ---- hierarchy
 
-    def _collect(self, diagram: Diagram, prefix: str) -> None:
+    def _collect(self, diagram: Diagram, prefix: str, around: tuple[Switch, ...]) -> None:
         scope = {name: self._parameter(prefix + name, value) for name, value in diagram.values.items()}
+        switch = self._switch(diagram, prefix)
+        inside = (*around, switch) if switch else around
         for name, block in diagram.blocks.items():
             path = prefix + name
             if isinstance(block, Diagram):
-                self._collect(block, path + ".")
+                self._collect(block, path + ".", inside)
             else:
                 self._add(path, block, scope)
+                self.switches[path] = around if switch and path == switch.path else inside
 
         def source(end: Key) -> Node:
             """The node of an output port; for a port of a diagram (an input of this one, too) its border."""
@@ -93,8 +100,36 @@ class FlatDiagram:
         driven += [(end, ("", name)) for name, ends in diagram.inlets.items() for end in ends]
         for (name, port), end in driven:
             self._wires["in", prefix + name, port] = source(end)
-        for port, end in diagram.shown.items():
-            self._wires["out", prefix[:-1], port] = source(end)
+        shown = {port: source(end) for port, end in diagram.shown.items()}
+        if switch:
+            shown |= self._switched(switch, around, {k: v for k, v in shown.items() if v[1] != switch.path})
+        self._wires |= {("out", prefix[:-1], port): node for port, node in shown.items()}
+
+    def _switch(self, diagram: Diagram, prefix: str) -> Switch | None:
+        """The block that switches a diagram on and off, if one does. Raises DiagramError for several."""
+        found = {name: block for name, block in diagram.blocks.items() if getattr(block, "switches", "")}
+        if len(found) > 1:
+            names = " and ".join(prefix + name for name in found)
+            fault = f"{names} both switch their diagram. Leave one, driven by a Logic block that joins the conditions."
+            raise DiagramError(self.title, [fault], self.where)
+        return next((Switch(prefix + name, block) for name, block in found.items()), None)
+
+    def _switched(self, switch: Switch, around: tuple[Switch, ...], shown: dict[str, Node]) -> dict[str, Node]:
+        """Outputs of a diagram that is switched on and off, each behind a block that gives its value while off."""
+        initial = switch.block.initial
+        if len(initial) not in (0, len(shown)):
+            outputs = f"{len(shown)} ({', '.join(shown)})"
+            fault = (
+                f"{switch.path}.initial needs one value for each output of its diagram, {outputs}, got {len(initial)}."
+            )
+            raise DiagramError(self.title, [fault], self.where)
+        for number, (port, node) in enumerate(shown.items()):
+            path = f"{switch.path}.{port}"
+            made = switched.switched_output(switch, self.symbolic_blocks[switch.path], number)
+            self.blocks[path], self.symbolic_blocks[path] = made
+            self.structures[path], self.switches[path] = structure_of(made[0]), around
+            self._wires["in", path, "u"], self._wires["in", path, "on"] = node, switch.on
+        return {port: ("y", f"{switch.path}.{port}", "y") for port in shown}
 
     def _followed(self, node: Node) -> Node:
         """The output of a block, or the input of the whole diagram, that lies behind borders of inner diagrams."""
@@ -134,9 +169,10 @@ class FlatDiagram:
         self.periods: list[float] = []
         self.group: dict[str, int] = {}
         self.pasts: dict[Key, PastValue] = {}
-        held: list[Key] = []
+        held, faults = list[Key](), list[str]()
         for path, block in self.blocks.items():
             shape = self.structures[path]
+            faults += switched.faults(self.switches[path], path, block, shape.continuous)
             self.x += [(path, k) for k in shape.continuous]
             self.d += [(path, k) for k in shape.memory]
             self.resets += [(path, k) for k in shape.resets]
@@ -148,6 +184,8 @@ class FlatDiagram:
                 self.group[path] = self.periods.index(period)
             for name, past in block.past_ports.items():
                 self.pasts[path, name] = self._past(path, past)
+        if faults:
+            raise DiagramError(self.title, faults, self.where)
         self.held = set(held)
         self.d += [(*key, "held") for key in held]
 

@@ -16,6 +16,8 @@ LONGEST = 170
 """Width at which a name is cut [pixels]; the whole name is in the tooltip."""
 LINE = 14
 """Distance of lines of text in a box [pixels]."""
+SWITCHED = {"enable": "enabled", "trigger": "triggered"}
+"""Word in the box of a diagram that is switched, by what switches it."""
 
 
 @attrs.frozen
@@ -105,7 +107,9 @@ def _widest(node: Node, side: str) -> float:
 def _face(node: Node) -> tuple[list[str], float, bool]:
     """The lines written in a box, the size of their letters, and whether they are the two parts of a fraction."""
     if isinstance(node.block, Diagram):
-        return _wrapped(node.block.title or "diagram"), SMALL + 1, False
+        kinds = (b.switches for b in node.block.blocks.values() if not isinstance(b, Diagram))
+        switched = [f"({SWITCHED[kind]})" for kind in kinds if kind]
+        return [*_wrapped(node.block.title or "diagram"), *switched], SMALL + 1, False
     symbol = symbol_of(node.block)
     if fraction(symbol):
         return list(fraction(symbol)), 13, True

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Mapping
 from typing import Any
 
-FAMILIES = {"lti": "linear", "tables": "limits"}
+FAMILIES = {"lti": "linear", "tables": "limits", "switching": "logic"}
 """Module -> family of its blocks, where that is the name of another module."""
 ORDER = ["sources", "arithmetic", "linear", "limits", "friction"]
 ORDER += ["hysteresis", "control", "motor", "discrete", "sensors"]

@@ -24,6 +24,8 @@ OTHER_NAMES: dict[str, tuple[str, ...]] = {
     "SensorNoise": ("White noise", "Band limited white noise", "Random number"),
     "LookupTable": ("Lookup", "1-D lookup table", "Interpolation table", "Characteristic"),
     "LookupTable2D": ("2-D lookup table", "Lookup 2D", "Characteristic map", "Interpolation2D"),
+    "Enable": ("Enabled subsystem", "Enable port"),
+    "Trigger": ("Triggered subsystem", "Trigger port", "Function call subsystem"),
     "TransferFunction": ("Transfer fcn", "tf"),
     "DiscreteTransferFunction": ("Discrete transfer fcn", "Discrete filter"),
     "StateSpace": ("ss", "LTI system"),

@@ -77,7 +77,8 @@ class Block:
     ``Past``), and gives its equations with CasADi operations: ``outputs``, ``derivatives`` and ``updates``. One with
     ``sampled = True`` (and an option ``period``) is updated as the run starts and every period after, its outputs held
     in between; any other is updated once at the start of each step. ``source`` names the origin of the equations
-    (paper, book, "definition"); ``symbol`` is the text in drawings.
+    (paper, book, "definition"); ``symbol`` is the text in drawings. One that ``switches`` its diagram ("enable",
+    "trigger") says by its output ``on`` when that acts.
 
     Parameters
     ----------
@@ -93,6 +94,7 @@ class Block:
     source: ClassVar[str] = ""
     symbol: ClassVar[str] = ""
     sampled: ClassVar[bool] = False
+    switches: ClassVar[str] = ""
     _fields: ClassVar[dict[str, Field]] = {}  # parameters, options and states by name
     _declared: ClassVar[dict[str, Any]] = {}  # ports by name: Input, Output, Tape, Past
 

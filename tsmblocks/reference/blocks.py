@@ -27,7 +27,7 @@ FAMILY_WORDS = {
     "arithmetic": "Operations on signals at one instant.",
     "linear": "Lags, integrators, delays and transfer functions in continuous time.",
     "limits": "Limits, dead zones, relays, rounding and tables.",
-    "logic": "Comparisons, logic operations, and modes.",
+    "logic": "Comparisons, logic operations, modes, and diagrams that are switched on and off.",
     "friction": "Forces that resist a motion, as functions of its rate and its history.",
     "hysteresis": "Transmissions with memory: the paper's models, play, and similar ones.",
     "control": "Controllers, and the paper's observer and compensator.",
@@ -135,10 +135,11 @@ def _numbers(block: Block, shown: Block, label: str) -> str:
             continue
         words = "They shape the equations, and cannot be fitted."
         if kind == "parameter":
-            named = next(leaf for key, value in shown.parameters.items() for leaf, _ in leaves(value, key))
+            named = [leaf for key, value in shown.parameters.items() for leaf, _ in leaves(value, key)]
+            where = f", as ``{label}.{named[0]}`` in the example below" if named else ""
             words = (
                 "They stay symbols until the run: they can be set, swept, fitted and "
-                f"differentiated, each by its name, as ``{label}.{named}`` in the example below."
+                f"differentiated, each by its name{where}."
             )
         table = rst.table(("Name", "Default", "Unit", "Bounds", "Meaning"), rows, (16, 14, 10, 18, 42))
         parts += [rst.heading(f"{kind.capitalize()}s", 1), words, table]
