@@ -218,6 +218,41 @@ def test_a_point_is_found_through_a_bend_and_a_limit():
         trim(diagram, outputs={"y": 1000.0}, start={"u": 1.0})
 
 
+def behind_a_limit(**initial):
+    """An integrator that drives a lag of gain 2 through a limit; the limit is left for |i| < 0.02 alone."""
+    return tsm.Diagram(
+        title="limited",
+        blocks=dict(
+            e=Sum(), i=Integrator(**initial), k=Gain(gain=50.0), s=Saturation(low=-1.0, high=1.0),
+            g=FirstOrderLag(time_constant=0.1, gain=2.0),
+        ),
+        wires=["e -> i -> k -> s -> g -> e.minus"],
+        inputs={"r": "e.plus"},
+        outputs={"y": "g"},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("integral", [0.0, 1.0, -3.0, 40.0])
+def test_an_equilibrium_is_found_from_a_start_at_a_limit(integral):
+    point = trim(behind_a_limit(integral=integral), inputs={"r": 0.2})
+    assert point.states == pytest.approx({"i.integral": 0.1 / 50, "g.value": 0.2})
+    point = trim(behind_a_limit(integral=integral), outputs={"y": -1.4})
+    assert point.inputs["r"] == pytest.approx(-1.4)
+
+
+def test_a_free_input_is_found_beyond_a_limit():
+    d = tsm.Diagram(
+        title="bias",
+        blocks=dict(o=Constant(value=5.0), a=Sum(signs="++"), s=Saturation(low=-1.0, high=1.0), g=FirstOrderLag()),
+        wires=["o -> a.plus2", "a -> s -> g"],
+        inputs={"u": "a.plus1"},
+        outputs={"y": "g"},
+    )
+    assert trim(d, outputs={"y": 0.3})["u"] == pytest.approx(-4.7)
+    with pytest.raises(RunError, match=r"At the start u has no effect, as behind a block at its limit: start where it"):
+        trim(d, outputs={"y": 3.0})
+
+
 def test_delays_stand_still_too():
     late = pi_loop().insert("d", DeadTime(time=0.1), after="g").insert("d2", DeadTime(time=0.2), after="d")
     point = trim(late, inputs={"r": 2.0})

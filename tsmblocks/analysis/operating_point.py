@@ -9,20 +9,17 @@ import attrs
 import casadi as ca
 import numpy as np
 
+from tsmblocks.analysis.root_search import found_root
 from tsmblocks.analysis.steady import switched_as_they_are
 from tsmblocks.common.arguments import as_list, as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
-from tsmblocks.common.tables import columns
+from tsmblocks.common.tables import columns, few
 from tsmblocks.engine.equations import DELAY_SAMPLES, Equations, function_values
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram, as_inputs
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
-RATE_TOLERANCE = 1e-9
-"""Rate of a state, or residual of an output, that counts as zero: a share of the size of its terms ... Chosen."""
-ABSOLUTE_TOLERANCE = 1e-12
-"""... plus this much. Chosen: for terms of size zero."""
 REST_INSTANTS = 1e6
 """Instants of the past of a delayed signal that has been constant. Chosen: longer than any delay reads."""
 HELD_SUFFIX = " (held)"
@@ -217,6 +214,8 @@ def trim(
     """Find an equilibrium: a point at which no state changes and outputs have given values.
 
     Where there are many (hysteresis at rest, an integrator before a motor at rest) it is the one nearest to the start.
+    Where the search from the start fails, as where a controller is at its limit, it begins again nearer to zero and in
+    places further away.
 
     Parameters
     ----------
@@ -273,21 +272,29 @@ def trim(
     inputs_free = [name for name in here.inputs if name not in given] if wanted or at else []
     unknowns = _unknowns(here, at or {}, inputs_free, as_list(free))
     conditions, names = _conditions(here, wanted, unknowns)
-    z = _nearest_root(conditions, unknowns.guess(start or {}), len(names))
-    residual, J, x, u, p = (np.asarray(part, dtype=float) for part in conditions(z))
-    error = np.abs(residual.ravel())
-    size = RATE_TOLERANCE * (np.abs(J) @ np.abs(z)) + ABSOLUTE_TOLERANCE  # of the terms that make up each row
-    worst = int(np.argmax(error / size)) if names else 0
-    if names and not error[worst] <= size[worst]:
-        advice = "Start elsewhere (start={…}), or choose an instant when no source drives it (t=…)."
-        if (wanted or at) and not inputs_free and not free:
-            advice = "No input is free to bring it there: leave one out of inputs, or free a parameter (free=[…])."
-        off = f"{names[worst]} is {error[worst]:.3g} off"
+    search = found_root(conditions, unknowns.guess(start or {}), len(names))
+    if not search.found:
+        off = f"{names[search.worst]} is {search.error:.3g} off"
+        advice = "No input is free to bring it there: leave one out of inputs, or free a parameter (free=[…])."
+        if inputs_free or free or not (wanted or at):
+            advice = _where_to_start([name for name, k in zip(unknowns.values, search.idle, strict=True) if k])
         raise RunError(f"'{diagram.title}' has no equilibrium here: {off}. {advice}")
+    _, _, x, u, p = (np.asarray(part, dtype=float) for part in conditions(search.z))
     chosen = {name: p.item(here.eq.p.index(name)) for name in unknowns.parameters}
     diagram.with_parameters(chosen)  # refuses what is out of bounds
     found = point_at(attrs.evolve(here, p=p.ravel()), x.ravel(), u.ravel())
     return attrs.evolve(found, parameters=chosen)
+
+
+def _where_to_start(idle: list[str]) -> str:
+    """What to do where a search fails at whose start some unknowns have no effect."""
+    if not idle:
+        return "Start elsewhere (start={…}), or choose an instant when no source drives it (t=…)."
+    has, it = ("has", "it") if len(idle) == 1 else ("have", "they")
+    return (
+        f"At the start {few(idle)} {has} no effect, as behind a block at its limit: start where {it} {has} "
+        f"(start={{'{idle[0]}': …}}), or choose an instant when no source drives it (t=…)."
+    )
 
 
 @attrs.frozen
@@ -358,33 +365,3 @@ def _conditions(here: LocalEquations, wanted: Mapping[str, float], unknowns: _Un
         names.append(name)
     residual = ca.vertcat(*rows)
     return ca.Function("conditions", [z], [residual, ca.jacobian(residual, z), x, u, p]), names
-
-
-def _nearest_root(conditions: Any, begin: np.ndarray, count: int) -> np.ndarray:
-    """The root nearest to the initial guess: Newton steps of least norm, which leave undetermined states unchanged."""
-    from scipy.optimize import least_squares
-
-    def error(v: np.ndarray) -> np.ndarray:
-        return np.asarray(conditions(v)[0], dtype=float).ravel()
-
-    def jacobian(v: np.ndarray) -> np.ndarray:
-        return np.asarray(conditions(v)[1], dtype=float)
-
-    if not count or not len(begin):
-        return begin
-    z = begin
-    for _ in range(50):
-        r, J = error(z), jacobian(z)
-        if not np.isfinite(r).all() or not np.isfinite(J).all():
-            raise RunError(
-                f"the equations are not finite at {in_words(z.round(6).tolist())}. Start elsewhere: start={{…}}."
-            )
-        step = np.linalg.lstsq(J, -r, rcond=1e-12)[0]
-        if np.abs(step).max(initial=0.0) <= 1e-14 * max(1.0, float(np.abs(z).max())):
-            return z
-        shares = (0.5**k for k in range(12))
-        share = next((k for k in shares if np.linalg.norm(error(z + k * step)) < np.linalg.norm(r)), None)
-        if share is None:
-            break
-        z = z + share * step
-    return np.asarray(least_squares(error, z, jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
