@@ -25,7 +25,7 @@ from tsmblocks.blocks import (
     Tanh,
     ZeroOrderHold,
 )
-from tsmblocks.common.errors import NotFinite
+from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.engine.methods import METHODS
 from tsmblocks.simulation.stability import StepWarning
 
@@ -242,9 +242,31 @@ def test_a_step_without_a_solution_says_where(backend):
     assert str(caught.value) == (
         "the equations of sdirk2 for the step to t = 0.002 s have no solution that Newton's method finds, first in "
         "i.integral. One step before: i.integral = 0.0023. Something that jumps (a sign, a comparison) may leave them "
-        "without one; make it continuous, or take a shorter step."
+        "without one: where a state passes a jump, locate=True steps to it; where a state rests at one, make it "
+        "continuous. A state that grows without bound needs a shorter step."
     )
     assert caught.value.block == "i"
+
+
+@pytest.mark.parametrize("method", IMPLICIT)
+def test_a_state_that_passes_a_jump_needs_located_switches(method):
+    """l' = (sign(s - i) - l) / 1e-4 and i' = l, with a sine s that i follows and passes."""
+    d = tsm.Diagram(
+        title="switch",
+        blocks=dict(s=Sine(frequency=0.5), e=Sum(), r=Sign(), l=FirstOrderLag(time_constant=1e-4), i=Integrator()),
+        wires=["s -> e.plus", "e -> r -> l -> i -> e.minus"],
+    )
+    with pytest.raises(NotFinite, match="where a state passes a jump, locate=True steps to it"):
+        tsm.simulate(d, stop=4.0, step=0.01, method=method)
+    run = tsm.simulate(d, stop=4.0, step=0.01, method=method, locate=True)
+    fine = tsm.simulate(d, stop=4.0, step=1e-5, every=1000)
+    assert run["i.y"] == pytest.approx(fine["i.y"], abs=2e-4)
+    assert {event.block for event in run.events} == {"r"}
+
+
+def test_located_switches_are_refused_beside_a_nonlinear_loop():
+    with pytest.raises(RunError, match=r"'sdirk2' and a nonlinear algebraic loop\. Leave out one, or take 'rk4'"):
+        tsm.simulate(motor_loop(), stop=1.0, inputs={"r": 1.0}, method="sdirk2", locate=True)
 
 
 @pytest.mark.parametrize("method", ["sdirk2", "sdirk3", "sdirk4"])

@@ -85,7 +85,8 @@ def _step_message(session: Session, loop: Loop, before: dict[str, float], time: 
     return (
         f"the equations of {session.kernel.plan.method.name} for the step to t = {time:g} s have no solution that "
         f"Newton's method finds, first in {loop.path[0]}.{last} Something that jumps (a sign, a comparison) may leave "
-        "them without one; make it continuous, or take a shorter step."
+        "them without one: where a state passes a jump, locate=True steps to it; where a state rests at one, make it "
+        "continuous. A state that grows without bound needs a shorter step."
     )
 
 
