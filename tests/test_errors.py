@@ -168,7 +168,7 @@ def test_a_step_too_long_is_a_warning_where_the_run_was_asked_for():
         simulate(position_loop(), stop=0.09, step=0.03)
     assert [str(w.message) for w in warned] == [
         "diagram 'position loop': the step of 0.03 s is too long for the fastest pole (100 rad/s, at "
-        "pid.smooth); rk4 needs a step below about 0.028 s there."
+        "pid.smooth); rk4 needs a step below about 0.028 s there, an implicit method (sdirk2) does not."
     ]
     assert warned[0].filename == __file__
 

@@ -634,7 +634,7 @@ def test_the_current_of_a_motor_is_kept_within_its_limit():
     """Voltage, current and speed: the motor as an electrical and mechanical model, its winding faster than a sample."""
     motor = tsm.Diagram(
         title="motor",
-        blocks={"motor": DCMotor()},
+        blocks={"motor": DCMotor(L=0.005)},
         inputs={"u": tsm.Inlet("motor.u", unit="V")},
         outputs={"x": "motor.y", "i": "motor.i", "v": "motor.v"},
     )

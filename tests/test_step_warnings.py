@@ -18,7 +18,7 @@ from tsmblocks.simulation.stability import MOST_CHECKED, StepWarning, extreme_se
 from tsmblocks.simulation.stepper import Stepper
 from tsmblocks.studies import latin_hypercube, responses
 
-TOO_LONG = "the step of 0.1 s is too long for the fastest pole (100 rad/s, at lag.value); rk4 needs a step below about 0.028 s there."
+TOO_LONG = "the step of 0.1 s is too long for the fastest pole (100 rad/s, at lag.value); rk4 needs a step below about 0.028 s there, an implicit method (sdirk2) does not."
 LAG = f"diagram 'lag': {TOO_LONG}"
 SETS = {"gain.gain": [1.0, 2.0, 0.5], "lag.time_constant": [1.0, 0.01, 0.02]}
 WORST = f"{LAG} Of 3 sets of parameters that were checked this concerns 2, most of all gain.gain = 2, lag.time_constant = 0.01."
@@ -98,5 +98,5 @@ def test_the_command_that_writes_c_says_so(tmp_path, capsys):
         assert main(["export", "fig16_feedforward_feedback", "--out", str(out), "--step", "0.01"]) == 0
     assert " ".join(capsys.readouterr().err.split()) == (
         "tsmblocks: warning: diagram 'Feedforward plus PID feedback of the tip': the step of 0.01 s is too long for the fastest "
-        "pole (424 rad/s, at motor.speed); rk4 needs a step below about 0.0066 s there."
+        "pole (424 rad/s, at motor.speed); rk4 needs a step below about 0.0066 s there, an implicit method (sdirk2) does not."
     )

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+import tsmblocks as tsm
 from tests.blocks.helpers import assert_sound, refuses, simulate
 from tsmblocks.blocks.motor import DCMotor, MotorTransferFunction
+from tsmblocks.simulation.stability import StepWarning
 
-LINEAR = dict(coulomb=0.0, voltage_drop=0.0)
+LINEAR = dict(L=0.005, coulomb=0.0, voltage_drop=0.0)
 
 
 @pytest.mark.parametrize("motor", [MotorTransferFunction(), DCMotor(), DCMotor(load=True)])
@@ -35,7 +38,7 @@ def test_linear_dc_motor_settles_in_closed_form():
 
 @pytest.mark.parametrize("voltage", [-24.0, -2.0, 3.0, 24.0])
 def test_dc_motor_with_friction_and_brushes_settles_in_closed_form(voltage):
-    p = DCMotor()
+    p = DCMotor(L=0.005)
     run = simulate(p, {"u": lambda t: voltage}, stop=0.5, step=5e-4)
 
     def lacking(speed):
@@ -52,19 +55,52 @@ def test_dc_motor_of_the_class_agrees_with_the_transfer_function():
 
 
 def test_angle_is_the_integral_of_the_speed():
-    run = simulate(DCMotor(), {"u": lambda t: 10 * np.sin(3 * t)}, stop=1.0, step=5e-4)
+    run = simulate(DCMotor(L=0.005), {"u": lambda t: 10 * np.sin(3 * t)}, stop=1.0, step=5e-4)
     area = np.concatenate([[0], np.cumsum((run["v"][1:] + run["v"][:-1]) / 2 * 5e-4)])
     assert run["y"] == pytest.approx(area, abs=1e-5)
 
 
-def test_dc_motor_can_be_stepped_at_a_millisecond():
-    coarse = simulate(DCMotor(), {"u": lambda t: 24 * np.sin(5 * t)}, stop=1.0, step=1e-3)
-    fine = simulate(DCMotor(), {"u": lambda t: 24 * np.sin(5 * t)}, stop=1.0, step=1e-4)
+def test_dc_motor_with_a_choke_can_be_stepped_at_a_millisecond():
+    coarse = simulate(DCMotor(L=0.005), {"u": lambda t: 24 * np.sin(5 * t)}, stop=1.0, step=1e-3)
+    fine = simulate(DCMotor(L=0.005), {"u": lambda t: 24 * np.sin(5 * t)}, stop=1.0, step=1e-4)
     assert coarse["y"] == pytest.approx(fine["y"][::10], abs=1e-4)
 
 
-def test_dc_motor_stays_put_below_its_friction():
+def test_an_implicit_method_steps_a_bare_motor_at_a_millisecond():
+    """A step of 12 V, against Radau at 1e-10; the current is past its peak after a few steps."""
     p = DCMotor()
+    assert pytest.approx(9.5e-5, rel=0.01) == p.L / p.R
+
+    def rates(t, x):
+        i, speed, _ = x
+        drop = p.voltage_drop * np.tanh(i / p.drop_current)
+        dry = p.coulomb * np.tanh(speed / p.smoothing)
+        return [(12.0 - p.R * i - p.kt * speed - drop) / p.L, (p.kt * i - p.b * speed - dry) / p.J, speed / p.gear]
+
+    t = 1e-3 * np.arange(301)
+    i, speed, angle = solve_ivp(rates, (0, 0.3), [0, 0, 0], method="Radau", t_eval=t, rtol=1e-10, atol=1e-12).y
+    motor = tsm.Diagram(title="motor", blocks=dict(m=p), inputs={"u": "m.u"})
+    for method, error in (("sdirk2", 2e-5), ("sdirk3", 5e-6), ("sdirk4", 5e-6)):
+        run = tsm.simulate(motor, inputs={"u": 12.0}, stop=0.3, step=1e-3, method=method)
+        assert np.abs(run["m.y"] - angle).max() < error * angle.max()
+        assert run["m.v"] == pytest.approx(speed / p.gear, rel=4e-3, abs=0.1)
+        assert run["m.i"][5:] == pytest.approx(i[5:], rel=0.01)
+    with pytest.warns(StepWarning, match=r"too long for the fastest pole .*, an implicit method \(sdirk2\) does not"):
+        tsm.simulate(motor, inputs={"u": 12.0}, stop=0.01, step=1e-3)
+
+
+def test_a_file_without_an_inductance_means_that_of_winding_and_choke():
+    text = 'format = 1\nwires = []\n[blocks]\nm = { type = "DCMotor" }\n[inputs]\nu = "m.u"\n'
+    old = tsm.loads(text)
+    assert old.parameters["m.L"] == 0.005
+    assert 'm = { type = "DCMotor" }' in tsm.dumps(old)
+    bare = old.replace("m", DCMotor())
+    assert "L = 0.00055" in tsm.dumps(bare)
+    assert tsm.loads(tsm.dumps(bare)) == bare
+
+
+def test_dc_motor_stays_put_below_its_friction():
+    p = DCMotor(L=0.005)
     start = p.coulomb * p.R / p.kt
     run = simulate(p, {"u": lambda t: 0.5 * start}, stop=1.0, step=5e-4)
     assert abs(run["v"][-1]) < 1.5 * p.smoothing / p.gear

@@ -161,6 +161,7 @@ class Field:
     known: bool = False
     initial: bool = False
     flat: bool = False
+    omitted: Any = None
 
     @property
     def low(self) -> float:
@@ -171,6 +172,11 @@ class Field:
     def high(self) -> float:
         """Upper bound, whether or not it is included."""
         return min(self.below, self.at_most)
+
+    @property
+    def default_in_files(self) -> Any:
+        """The value that a file means which does not give it."""
+        return self.default if self.omitted is None else self.omitted
 
     def allows(self, value: float) -> bool:
         """Whether one number lies within the bounds (NaN never does)."""
@@ -203,6 +209,7 @@ def parameter(
     finite: bool = True,
     known: bool = False,
     initial: bool = False,
+    omitted: float | None = None,
 ) -> Any:
     """Declare a parameter: a number or a tuple that stays a symbol until the run, to be swept, fitted, differentiated.
 
@@ -225,6 +232,8 @@ def parameter(
     initial : bool, default False
         Whether it is a list of initial values, one for each state, or an empty one for zeros: no property of a machine,
         but of a recording.
+    omitted : float, optional
+        Value that a file means which does not give it, where the default was another when such files were written.
 
     Returns
     -------
@@ -237,9 +246,8 @@ def parameter(
 
         gain: float = tsm.parameter(default=2.0, about="gain", unit="N*m/rad", above=0.0)
     """
-    return _field(
-        default, Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known, initial=initial)
-    )
+    spec = Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known, initial=initial)
+    return _field(default, attrs.evolve(spec, omitted=omitted))
 
 
 def option(

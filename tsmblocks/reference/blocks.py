@@ -13,7 +13,7 @@ from tsmblocks.common.units import heading
 from tsmblocks.compiler.dependencies import structure_of
 from tsmblocks.files import dumps
 from tsmblocks.html import block_facts
-from tsmblocks.model.block import REGISTRY, Block, leaves
+from tsmblocks.model.block import REGISTRY, Block, Field, leaves
 from tsmblocks.reference import examples, figures, rst, uses
 from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
 
@@ -127,7 +127,7 @@ def _numbers(block: Block, shown: Block, label: str) -> str:
     parts = []
     for kind in ("parameter", "option"):
         rows = [
-            (rst.code(k), default_text(getattr(block, k)), own_unit(f.unit), bounds(f), rst.words(f.about))
+            (rst.code(k), default_text(getattr(block, k)), own_unit(f.unit), bounds(f), rst.words(_about(f)))
             for k, f in block.fields().items()
             if f.kind == kind
         ]
@@ -144,6 +144,11 @@ def _numbers(block: Block, shown: Block, label: str) -> str:
         table = rst.table(("Name", "Default", "Unit", "Bounds", "Meaning"), rows, (16, 14, 10, 18, 42))
         parts += [rst.heading(f"{kind.capitalize()}s", 1), words, table]
     return rst.page(*parts)
+
+
+def _about(field: Field) -> str:
+    """The meaning of a field, and what a file means that does not give it where that is not the default."""
+    return field.about if field.omitted is None else f"{field.about}; {field.omitted:g} in a file that does not give it"
 
 
 def own_unit(label: str) -> str:

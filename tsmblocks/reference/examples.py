@@ -113,6 +113,9 @@ DRIVE: dict[str, dict[str, Block]] = {
 STOPS = dict(DCMotor=0.3, MotorTransferFunction=0.3, StateSpace=5.0, ZeroPoleGain=3.0, SecondOrderLag=4.0, Step=3.0)
 """Duration of the runs [s] that are not ``STOP`` long."""
 
+METHODS = {"DCMotor": "sdirk2"}
+"""Methods of the runs that are too fast for an explicit one at this step."""
+
 
 def snake(name: str) -> str:
     """``PIDController`` as ``pid_controller``, the name its block has in an example."""
@@ -147,7 +150,7 @@ def stop_of(cls: type[Block]) -> float:
 
 def run(cls: type[Block]) -> Run:
     """The example, run."""
-    return simulate(example(cls), stop=stop_of(cls), step=STEP)
+    return simulate(example(cls), stop=stop_of(cls), step=STEP, method=METHODS.get(cls.__name__, "rk4"))
 
 
 def script(diagram: Diagram, stop: float = STOP) -> str:
@@ -156,6 +159,7 @@ def script(diagram: Diagram, stop: float = STOP) -> str:
     blocks = [f"        {name}={_made(block)}," for name, block in diagram.blocks.items() if isinstance(block, Block)]
     wires = [f'        "{wire}",' for wire in diagram.wires]
     shown = [f'        "{name}": "{".".join(filter(None, end))}",' for name, end in diagram.shown.items()]
+    implicit = next((f', method="{METHODS[name]}"' for name in used if name in METHODS), "")
     lines = [
         "import tsmblocks as tsm",
         f"from tsmblocks.blocks import {', '.join(used)}",
@@ -166,7 +170,7 @@ def script(diagram: Diagram, stop: float = STOP) -> str:
         *(("    wires=[", *wires, "    ],") if wires else ()),
         *("    outputs={", *shown, "    },"),
         ")",
-        f"run = tsm.simulate(diagram, stop={stop:g}, step={STEP:g})",
+        f"run = tsm.simulate(diagram, stop={stop:g}, step={STEP:g}{implicit})",
     ]
     return "\n".join(lines) + "\n"
 

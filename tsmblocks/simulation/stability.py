@@ -65,7 +65,7 @@ def warn_of_fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> None
     warnings.warn(
         f"diagram '{worst.eq.title}': the step of {h:g} s is too long for the fastest pole "
         f"({abs(pole):.3g} rad/s, at {state}); {rule.name} needs a step below about "
-        f"{rule.real_limit / abs(pole):.2g} s there.{which}",
+        f"{rule.real_limit / abs(pole):.2g} s there, an implicit method (sdirk2) does not.{which}",
         StepWarning,
         stacklevel=3,
     )
