@@ -36,4 +36,4 @@ def test_no_block_inherits_from_another():
 
 def test_the_suite_has_no_gap_in_its_names():
     assert all(check.__doc__ for check in PROMISES.values())
-    assert len(PROMISES) == 15
+    assert len(PROMISES) == 16

@@ -25,7 +25,9 @@ from tsmblocks.blocks import (
     Sum,
     ZeroOrderHold,
 )
-from tsmblocks.common.errors import AlgebraicLoop, NotFinite, RunError
+from tsmblocks.cli import main
+from tsmblocks.common.errors import AlgebraicLoop, NotFinite, RunError, TsmError
+from tsmblocks.draw.compose import layout
 
 BACKENDS = ["llvm", "casadi"]
 
@@ -474,6 +476,42 @@ def test_a_run_says_where_its_loops_are_and_how_they_were_solved():
     assert loop.mean_iterations <= loop.most_iterations <= 20
     assert str(loop).startswith("e.y -> k.y -> e.y: solved ")
     assert tsm.simulate(ring(Gain(gain=3.0)), stop=0.1).loops[0].solved == 0
+
+
+def test_loops_are_drawn_in_the_accent_colour_with_a_mark_where_they_are_solved():
+    inner = tsm.Diagram(title="gain", blocks=dict(g=Gain(gain=3.0)), inputs=dict(u="g"), outputs=dict(y="g"))
+    d = tsm.Diagram(
+        title="loop",
+        blocks=dict(r=Sine(), e=Sum(signs="+-"), c=inner, s=Saturation(low=-1.0, high=1.0), lag=FirstOrderLag()),
+        wires=["r -> e.plus", "e -> c -> s -> e.minus", "s -> lag"],
+        outputs=dict(y="lag"),
+    )
+    run = tsm.simulate(d, stop=0.1)
+    picture = layout(d, loops=run.loops)
+    assert {w.signal for w in picture.wires if w.accent} == {"e.y", "c.y", "s.y"}
+    marked = {w.signal: [one.text for one in w.labels] for w in picture.wires if w.labels}
+    assert marked == {run.loops[0].path[0]: ["↻"]}
+    assert "in an algebraic loop that is solved for it" in tsm.to_svg(d, loops=run.loops)
+    assert tsm.to_svg(d, loops=[]) == tsm.to_svg(d)
+    # From outside, the block with the loop in it is marked.
+    around = tsm.Diagram(title="around", blocks=dict(part=d), outputs=dict(y="part"))
+    assert [b.accent for b in layout(around, loops=tsm.simulate(around, stop=0.1).loops).boxes if b.name == "part"] == [
+        True
+    ]
+    with pytest.raises(TsmError, match=r"has no signal 'q\.y' of an algebraic loop"):
+        tsm.to_svg(d, loops=[["q.y", "e.y", "q.y"]])
+
+
+def test_the_command_draws_loops(tmp_path):
+    d = tsm.Diagram(
+        title="loop",
+        blocks=dict(r=Sine(), e=Sum(signs="+-"), k=Gain(gain=3.0)),
+        wires=["r -> e.plus", "e -> k -> e.minus"],
+        outputs=dict(y="k"),
+    )
+    tsm.save(d, tmp_path / "loop.toml")
+    assert main(["draw", str(tmp_path / "loop.toml"), "--out", str(tmp_path / "loop.svg")]) == 0
+    assert "↻" in (tmp_path / "loop.svg").read_text(encoding="utf-8")
 
 
 def test_a_diagram_without_loops_reports_none():

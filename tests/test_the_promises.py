@@ -40,6 +40,16 @@ def known_to_files(monkeypatch):
             monkeypatch.setitem(REGISTRY, cls.__name__, cls)
 
 
+@fault("closes_an_algebraic_loop")
+@known
+class FineStair(Block):
+    u = Input("signal")
+    y = Output("the signal in stairs so fine that it rises, whose derivative is zero")
+
+    def outputs(self, t, x, u):
+        return dict(y=1e-10 * ca.floor(1e10 * u.u))
+
+
 # ---- the ten of the style guide
 
 
@@ -120,7 +130,7 @@ class PowerOfSigned(Block):
         return dict(y=u.u**self.n)
 
 
-@fault("floats_and_symbols_agree")
+@fault("floats_and_symbols_agree", "closes_an_algebraic_loop")
 @known
 class HiddenMemory(Block):
     seen = [0]
@@ -205,7 +215,7 @@ class SymbolTooWide(Block):
         return dict(y=u.u)
 
 
-@fault("units_are_known", "survives_a_file")
+@fault("units_are_known", "survives_a_file", "closes_an_algebraic_loop")
 @known
 class UnknownUnit(Block):
     u = Input("in", unit="radd")
@@ -319,7 +329,7 @@ class InputNobodyReads(Block):
         return dict(y=u.u)
 
 
-@fault("floats_and_symbols_agree")
+@fault("floats_and_symbols_agree", "closes_an_algebraic_loop")
 @known
 class RandomOutput(Block):
     u = Input("in")

@@ -36,14 +36,23 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def write(diagram: Any, path: Path, highlight: Sequence[str] = ()) -> None:
-    """Draw a diagram into a file; its ending says the format. Blocks in ``highlight`` have another colour."""
+    """Draw a diagram into a file; its ending says the format.
+
+    Blocks in ``highlight``, and algebraic loops, have another colour.
+    """
     from tsmblocks import draw
+    from tsmblocks.common.errors import TsmError
+    from tsmblocks.simulation.compiled import equations
 
     kind = path.suffix.lower()
+    try:
+        loops = equations(diagram).loops
+    except TsmError:  # it has a picture, though no equations
+        loops = ()
     if kind in (".png", ".pdf"):
-        (draw.to_png if kind == ".png" else draw.to_pdf)(diagram, path, highlight=highlight)
+        (draw.to_png if kind == ".png" else draw.to_pdf)(diagram, path, highlight=highlight, loops=loops)
         return
     if kind == ".mmd" and highlight:
         raise common.UsageError("--highlight is for pictures; Mermaid text (.mmd) has none of our colours.")
-    text = draw.to_svg(diagram, highlight=highlight) if kind == ".svg" else draw.to_mermaid(diagram)
+    text = draw.to_svg(diagram, highlight=highlight, loops=loops) if kind == ".svg" else draw.to_mermaid(diagram)
     path.write_text(text, encoding="utf-8", newline="\n")

@@ -1,12 +1,74 @@
-"""What a caller adds to the drawing of a diagram: blocks in the accent colour, and values on wires."""
+"""What a caller adds to the drawing of a diagram: blocks and loops in the accent colour, and values on wires."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
+
+import attrs
 
 from tsmblocks.common.errors import TsmError, in_words, near
 from tsmblocks.model.diagram import Diagram
+
+SOLVED = "↻"
+"""Mark on a signal for which an algebraic loop is solved."""
+
+
+@attrs.frozen
+class Loops:
+    """Algebraic loops in a drawing: their ``signals``, those for which they are ``solved``, blocks with one inside."""
+
+    signals: frozenset[tuple[str, str]] = frozenset()
+    solved: frozenset[tuple[str, str]] = frozenset()
+    blocks: frozenset[str] = frozenset()
+
+    def noted(self, texts: Mapping[tuple[str, str], str]) -> dict[tuple[str, str], str]:
+        """The texts on wires, with the mark of the loops."""
+        return {**texts, **{end: f"{SOLVED} {texts.get(end, '')}".strip() for end in self.solved}}
+
+    def about(self, end: tuple[str, str]) -> str:
+        """What a tooltip adds on a signal."""
+        if end not in self.signals:
+            return ""
+        return ", in an algebraic loop" + (" that is solved for it" if end in self.solved else "")
+
+
+def drawn_loops(diagram: Diagram, loops: Iterable[Any]) -> Loops:
+    """Algebraic loops (those of a run, or lists of signals around each) in terms of the signals that are drawn.
+
+    Raises TsmError for a signal that the diagram does not have.
+    """
+    ends = {name: end for end in _outputs(diagram) for name in _names(diagram, end)}
+    signals, solved, blocks = set[tuple[str, str]](), set[tuple[str, str]](), set[str]()
+    for loop in loops:
+        path = [str(name).removeprefix("d/dt ") for name in getattr(loop, "path", loop)]
+        for name in path:
+            if name.partition(".")[0] not in (*diagram.blocks, *diagram.inputs):
+                hint = near(name, ends)
+                raise TsmError(f"diagram '{diagram.title}' has no signal '{name}' of an algebraic loop.{hint}")
+        around = {name.partition(".")[0] for name in path}
+        if len(around) == 1 and isinstance(diagram.blocks.get(*around), Diagram):
+            blocks |= around
+        else:
+            signals |= {ends[name] for name in path if name in ends}
+            solved |= {ends[name] for name in path[:1] if name in ends}
+    return Loops(frozenset(signals), frozenset(solved), frozenset(blocks))
+
+
+def _outputs(diagram: Diagram) -> Iterator[tuple[str, str]]:
+    for name, block in diagram.blocks.items():
+        yield from ((name, port) for port in block.outports)
+
+
+def _names(diagram: Diagram, end: tuple[str, str]) -> list[str]:
+    """Names of the signal at an output: its own, and that of the block inside which makes it."""
+    name, port = end
+    block = diagram.blocks[name]
+    if not isinstance(block, Diagram):
+        return [f"{name}.{port}"]
+    inner, switches = block.shown[port], [k for k, b in block.blocks.items() if getattr(b, "switches", "")]
+    names = [f"{k}.{port}.y" for k in switches] + (_names(block, inner) if inner[0] else [])
+    return [f"{name}.{one}" for one in names]
 
 
 def highlighted(diagram: Diagram, names: Iterable[str]) -> set[str]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw import placement, routing
-from tsmblocks.draw.annotations import highlighted, wire_texts
+from tsmblocks.draw.annotations import Loops, drawn_loops, highlighted, wire_texts
 from tsmblocks.draw.graph import End, Net, graph
 from tsmblocks.draw.ordering import rows
 from tsmblocks.draw.picture import SMALL, TITLE, Box, Label, Picture, Point, Wire, fitted, text_width
@@ -21,14 +21,22 @@ WIDEST = 900
 """Width at which a title or source line is cut, when the drawing itself is narrower."""
 
 
-def layout(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> Picture:
+def layout(
+    diagram: Diagram,
+    *,
+    highlight: Iterable[str] = (),
+    values: Mapping[str, Any] | None = None,
+    loops: Iterable[Any] = (),
+) -> Picture:
     """The diagram drawn: a value that holds every box, line and text with its coordinates.
 
     Signals flow from left to right, feedback runs below the blocks. Arguments and errors are those of ``to_svg``.
     Equal diagrams with their blocks in the same order give equal pictures.
     """
     accent = highlighted(required_diagram(diagram, "drawn", TsmError), highlight)
-    drawn = graph(diagram, wire_texts(diagram, values))
+    marked = drawn_loops(diagram, loops)
+    accent |= marked.blocks
+    drawn = graph(diagram, marked.noted(wire_texts(diagram, values)))
     found = rows(drawn)
     outlines, heights = placement.placed(drawn, found)
     plan = routing.routed(Plan(drawn, found, outlines, dict(heights)))
@@ -39,11 +47,11 @@ def layout(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[s
         box(outlines, node, (plan.x[key], plan.y[key]), turned=key in turned, accent=key in accent)
         for key, node in drawn.nodes.items()
     ]
-    wires = [_wire(diagram, plan, net, net.source[0] in turned) for net in drawn.nets]
+    wires = [_wire(diagram, plan, net, net.source[0] in turned, marked) for net in drawn.nets]
     return _framed(diagram, boxes, [wire for wire in wires if wire.lines])
 
 
-def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
+def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool, marked: Loops) -> Wire:
     key, way = net.source[0], -1 if turned else 1
     x = plan.x[key] + way * plan.outlines.size(key).width / 2
     y = plan.leaves(net.source)
@@ -59,8 +67,9 @@ def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool) -> Wire:
     targets = tuple(map(_end_name, (*net.ahead, *returned, *net.back)))
     signal = _end_name(net.source)
     unit = diagram.unit(signal)
-    about = f"{signal}{f' [{unit}]' if unit else ''} → {', '.join(targets) or 'nothing'}"
-    return Wire(signal, targets, lines, tuple(plan.arrows[net]), dots, taps, (label,) if text else (), about)
+    about = f"{signal}{f' [{unit}]' if unit else ''} → {', '.join(targets) or 'nothing'}{marked.about(net.source)}"
+    accent = net.source in marked.signals
+    return Wire(signal, targets, lines, tuple(plan.arrows[net]), dots, taps, (label,) if text else (), about, accent)
 
 
 def _end_name(end: End) -> str:

@@ -172,6 +172,12 @@ class Wire:
     taps: tuple[Point, ...] = ()
     labels: tuple[Label, ...] = ()
     about: str = ""
+    accent: bool = False
+
+    @property
+    def colour(self) -> str:
+        """Colour of its lines: the accent colour in an algebraic loop."""
+        return ACCENT if self.accent else INK
 
     def moved(self, dx: float, dy: float) -> Wire:
         """The same wire elsewhere."""

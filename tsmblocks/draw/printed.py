@@ -8,7 +8,7 @@ from typing import Any
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.compose import layout
-from tsmblocks.draw.picture import FRAME, INK, PAPER, Box, Label, Picture, Point, Wire
+from tsmblocks.draw.picture import FRAME, PAPER, Box, Label, Picture, Point, Wire
 from tsmblocks.model.diagram import Diagram
 
 DPI = 100
@@ -23,6 +23,7 @@ def to_png(
     *,
     highlight: Iterable[str] = (),
     values: Mapping[str, Any] | None = None,
+    loops: Iterable[Any] = (),
 ) -> None:
     """Draw a diagram into a PNG file.
 
@@ -38,6 +39,8 @@ def to_png(
         Names of blocks in the accent colour, as for ``to_svg``. None by default.
     values : mapping of str to str or float, optional
         Texts and numbers on wires, as for ``to_svg``. None by default.
+    loops : iterable of LoopReport or of sequences of str, optional
+        Algebraic loops in the accent colour, as for ``to_svg``. None by default.
 
     Raises
     ------
@@ -53,11 +56,17 @@ def to_png(
     >>> import tsmblocks as tsm
     >>> tsm.to_png(tsm.load("motor_linear"), "motor.png", scale=3)  # doctest: +SKIP
     """
-    _print(diagram, Path(path), ".png", DPI * scale, highlight, values, {"Software": None})
+    drawing = dict(highlight=highlight, values=values, loops=loops)
+    _print(diagram, Path(path), ".png", DPI * scale, drawing, {"Software": None})
 
 
 def to_pdf(
-    diagram: Diagram, path: str | Path, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None
+    diagram: Diagram,
+    path: str | Path,
+    *,
+    highlight: Iterable[str] = (),
+    values: Mapping[str, Any] | None = None,
+    loops: Iterable[Any] = (),
 ) -> None:
     """Draw a diagram into a PDF file of one page, made of lines and letters that can be searched.
 
@@ -71,6 +80,8 @@ def to_pdf(
         Names of blocks in the accent colour, as for ``to_svg``. None by default.
     values : mapping of str to str or float, optional
         Texts and numbers on wires, as for ``to_svg``. None by default.
+    loops : iterable of LoopReport or of sequences of str, optional
+        Algebraic loops in the accent colour, as for ``to_svg``. None by default.
 
     Raises
     ------
@@ -86,17 +97,12 @@ def to_pdf(
     >>> import tsmblocks as tsm
     >>> tsm.to_pdf(tsm.load("motor_linear"), "motor.pdf", highlight=["motor"])  # doctest: +SKIP
     """
-    _print(diagram, Path(path), ".pdf", DPI, highlight, values, dict.fromkeys(("CreationDate", "Creator", "Producer")))
+    drawing = dict(highlight=highlight, values=values, loops=loops)
+    _print(diagram, Path(path), ".pdf", DPI, drawing, dict.fromkeys(("CreationDate", "Creator", "Producer")))
 
 
 def _print(
-    diagram: Diagram,
-    path: Path,
-    ending: str,
-    dpi: float,
-    highlight: Iterable[str],
-    values: Mapping[str, Any] | None,
-    metadata: Mapping[str, None],
+    diagram: Diagram, path: Path, ending: str, dpi: float, drawing: Mapping[str, Any], metadata: Mapping[str, None]
 ) -> None:
     """Write the file, in the size of the drawing; ``metadata`` left out so that equal diagrams give equal files."""
     known = {".png": "to_png", ".pdf": "to_pdf", ".svg": "to_svg"}
@@ -110,7 +116,7 @@ def _print(
     except ImportError as error:
         how = 'pip install "tsmblocks[plots]"'
         raise TsmError(f"a PNG or PDF file needs matplotlib; install it with: {how}") from error
-    picture = layout(diagram, highlight=highlight, values=values)
+    picture = layout(diagram, **drawing)
     figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=dpi, facecolor=PAPER)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0, picture.width), ylim=(picture.height, 0))
@@ -147,11 +153,11 @@ def _wire(axes: Any, wire: Wire) -> None:
     from matplotlib.patches import Circle, Polygon
 
     for line in wire.lines:
-        _line(axes, line, INK, 1.4, 1)
+        _line(axes, line, wire.colour, 1.4, 1)
     for arrow in wire.arrows:
-        axes.add_patch(Polygon(arrow.corners, closed=True, facecolor=INK, edgecolor="none", zorder=2))
-    for spot, fill in [(p, INK) for p in wire.dots] + [(p, PAPER) for p in wire.taps]:
-        axes.add_patch(Circle(spot, 3, facecolor=fill, edgecolor=INK, linewidth=1.4 * POINT, zorder=2))
+        axes.add_patch(Polygon(arrow.corners, closed=True, facecolor=wire.colour, edgecolor="none", zorder=2))
+    for spot, fill in [(p, wire.colour) for p in wire.dots] + [(p, PAPER) for p in wire.taps]:
+        axes.add_patch(Circle(spot, 3, facecolor=fill, edgecolor=wire.colour, linewidth=1.4 * POINT, zorder=2))
 
 
 def _box(axes: Any, box: Box) -> None:

@@ -7,13 +7,19 @@ from html import escape
 from typing import Any
 
 from tsmblocks.draw.compose import layout
-from tsmblocks.draw.picture import FRAME, INK, PAPER, Box, Label, Point, Wire
+from tsmblocks.draw.picture import FRAME, PAPER, Box, Label, Point, Wire
 from tsmblocks.model.diagram import Diagram
 
 FONT = "Helvetica, Arial, 'DejaVu Sans', sans-serif"
 
 
-def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[str, Any] | None = None) -> str:
+def to_svg(
+    diagram: Diagram,
+    *,
+    highlight: Iterable[str] = (),
+    values: Mapping[str, Any] | None = None,
+    loops: Iterable[Any] = (),
+) -> str:
     """Draw a diagram as SVG text, without external fonts or scripts.
 
     Signals flow from left to right, feedback runs below the blocks. The background is white, so that the drawing is
@@ -28,6 +34,9 @@ def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[s
     values : mapping of str to str or float, optional
         Signal (``"tsm.y"``) to the text or number that is written on its wire, a number with the unit of its port.
         None by default.
+    loops : iterable of LoopReport or of sequences of str, optional
+        Algebraic loops (``run.loops``), whose wires are drawn in the accent colour; the signal for which each is solved
+        is marked ↻. None by default.
 
     Returns
     -------
@@ -49,7 +58,7 @@ def to_svg(diagram: Diagram, *, highlight: Iterable[str] = (), values: Mapping[s
     >>> tsm.to_svg(tsm.load("motor_linear"), highlight=["motor"], values={"x": 0.5}).count("<rect")
     2
     """
-    picture = layout(diagram, highlight=highlight, values=values)
+    picture = layout(diagram, highlight=highlight, values=values, loops=loops)
     width, height = _n(picture.width), _n(picture.height)
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
@@ -87,13 +96,13 @@ def _path(line: Iterable[Point]) -> str:
 
 
 def _wire(wire: Wire) -> str:
-    path = " ".join(map(_path, wire.lines))
-    parts = [f'<path d="{path}" fill="none" stroke="{INK}" stroke-width="1.4" stroke-linejoin="round"/>']
+    ink, path = wire.colour, " ".join(map(_path, wire.lines))
+    parts = [f'<path d="{path}" fill="none" stroke="{ink}" stroke-width="1.4" stroke-linejoin="round"/>']
     for arrow in wire.arrows:
         corners = " ".join(f"{_n(x)},{_n(y)}" for x, y in arrow.corners)
-        parts.append(f'<polygon points="{corners}" fill="{INK}"/>')
-    parts += [_circle(p, 3, f'fill="{INK}"') for p in wire.dots]
-    parts += [_circle(p, 3, f'fill="{PAPER}" stroke="{INK}" stroke-width="1.4"') for p in wire.taps]
+        parts.append(f'<polygon points="{corners}" fill="{ink}"/>')
+    parts += [_circle(p, 3, f'fill="{ink}"') for p in wire.dots]
+    parts += [_circle(p, 3, f'fill="{PAPER}" stroke="{ink}" stroke-width="1.4"') for p in wire.taps]
     parts += [_text(label) for label in wire.labels]
     return _group("wire", "data-signal", wire.signal, wire.about, parts)
 

@@ -4,6 +4,7 @@
 compare from a file, and ``plugin`` makes both available in pytest.
 """
 
+from tsmblocks.testing import loops
 from tsmblocks.testing.promises import PROMISES, BrokenPromise, broken_promises, checks_for, promise
 
-__all__ = ["PROMISES", "BrokenPromise", "broken_promises", "checks_for", "promise"]
+__all__ = ["PROMISES", "BrokenPromise", "broken_promises", "checks_for", "loops", "promise"]

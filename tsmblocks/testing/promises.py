@@ -141,14 +141,15 @@ def need(condition: Any, text: str) -> None:
 
 
 @functools.lru_cache(maxsize=512)
-def _function(block: Block) -> tuple[Any, list[str]]:
-    """All equations as one function of (t, x, u, p), and the names of its results."""
+def equations_as_numbers(block: Block) -> tuple[Any, list[str]]:
+    """All equations as one function of (t, x, u, p), and the names of its results ("y.y", "dx.angle")."""
     made, column = symbolic(block), functools.partial(ca.vertcat, ca.SX(0, 1))
     reads = [made.t, *(column(*part) for part in (made.x, made.u, made.p))]
     return ca.Function("block", reads, [column(*made.results.values())]), [".".join(key) for key in made.results]
 
 
-def _numbers(block: Block) -> list[float]:
+def parameter_values(block: Block) -> list[float]:
+    """The numbers of a block in the order of its symbols; zero for a reference."""
     return [0.0 if is_reference(v) else v for value in block.parameters.values() for _, v in leaves(value)]
 
 
@@ -271,9 +272,9 @@ def tapes_are_supplied(block: Block) -> None:
 @promise
 def floats_and_symbols_agree(block: Block) -> None:
     """The equations give the same with numbers as with symbols, and the same twice."""
-    f, results = _function(block)
-    for t, x, u in _points(block)[3:6] if _singular(block) else _points(block)[:6]:
-        expected = np.asarray(f(t, x, u, _numbers(block))).ravel()
+    f, results = equations_as_numbers(block)
+    for t, x, u in _points(block)[3:6] if is_singular(block) else _points(block)[:6]:
+        expected = np.asarray(f(t, x, u, parameter_values(block))).ravel()
         states, inputs = signals(list(block.states), x.tolist()), signals(list(block.read_names), u.tolist())
         for _ in range(2):
             direct = {f"{kind}.{k}": float(v) for (kind, k), v in results_of(block, t, states, inputs).items()}
@@ -283,18 +284,19 @@ def floats_and_symbols_agree(block: Block) -> None:
                 need(same, f"{type(block).__name__} {name} is {direct[name]:g} with numbers, {value:g} with symbols.")
 
 
-def _singular(block: Block) -> bool:
+def is_singular(block: Block) -> bool:
+    """Whether a block is declared to be infinite somewhere."""
     return bool(getattr(block, "singular", ""))
 
 
 @promise
 def finite_everywhere(block: Block) -> None:
     """No NaN or infinity: at rest, at zero, and far outside normal use."""
-    if _singular(block):
+    if is_singular(block):
         return  # declared to be infinite somewhere (a division by zero)
-    f, results = _function(block)
+    f, results = equations_as_numbers(block)
     for t, x, u in _points(block):
-        values = np.asarray(f(t, x, u, _numbers(block))).ravel()
+        values = np.asarray(f(t, x, u, parameter_values(block))).ravel()
         bad = [n for n, v in zip(results, values, strict=True) if not np.isfinite(v)]
         need(not bad, f"{type(block).__name__} {', '.join(bad)} is not finite at t={t:g}, x={x}, u={u}.")
 
@@ -302,12 +304,12 @@ def finite_everywhere(block: Block) -> None:
 @promise
 def slopes_are_finite(block: Block) -> None:
     """Derivatives with respect to states, inputs and parameters are finite, which fits and designs need."""
-    if _singular(block):
+    if is_singular(block):
         return
-    f, results = _function(block)
+    f, results = equations_as_numbers(block)
     t, x, u, p = f.sx_in()
     jacobian = ca.Function("derivatives", [t, x, u, p], [ca.jacobian(f(t, x, u, p), ca.vertcat(x, u, p))])
-    finite = [v if math.isfinite(v) else 0.0 for v in _numbers(block)]
+    finite = [v if math.isfinite(v) else 0.0 for v in parameter_values(block)]
     for time, xs, us in _points(block):
         values = np.asarray(jacobian(time, xs, us, finite))
         rows = [n for n, row in zip(results, values, strict=True) if not np.isfinite(row).all()]
