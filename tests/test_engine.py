@@ -46,7 +46,10 @@ from tsmblocks.blocks import (
 )
 from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.engine import jit, session
+from tsmblocks.engine.backends import CompiledKernel
+from tsmblocks.engine.kernel import Memory, Steps
 from tsmblocks.engine.methods import METHODS
+from tsmblocks.engine.plan import Plan
 from tsmblocks.files import shipped
 from tsmblocks.simulation.stability import StepWarning
 
@@ -884,10 +887,6 @@ def test_without_llvmlite_the_other_back_end_serves(monkeypatch):
 @pytest.mark.parametrize("name", ["exp", "expm1", "tanh", "sin", "cos"])
 def test_own_elementary_functions_are_accurate_in_lanes(name):
     """Each against NumPy over its range, side by side in lanes; a few units in the last place."""
-    from tsmblocks.engine.backends import CompiledKernel
-    from tsmblocks.engine.kernel import Memory, Steps
-    from tsmblocks.engine.plan import Plan
-
     x = np.concatenate(
         [np.linspace(-700, 700, 4001), np.logspace(-300, 2, 4000), -np.logspace(-300, 2, 4000), [0.0] * 7]
     )
@@ -928,6 +927,35 @@ def test_own_elementary_functions_are_accurate_in_lanes(name):
     ordinary = np.isfinite(expected) & (size > 1e-290)
     assert (np.abs(got - expected)[ordinary] / np.spacing(size[ordinary])).max() < 4
     assert np.array_equal(np.isinf(got), np.isinf(expected))
+
+
+@pytest.mark.parametrize(("name", "most"), [("sin", 1.6), ("cos", 1.6), ("tanh", 4.2)], ids=["sin", "cos", "tanh"])
+def test_own_elementary_functions_of_single_numbers_against_extended_precision(name, most):
+    """Units in the last place; beyond the range of the reduction sine and cosine are those of libm."""
+    u, state, none = ca.SX.sym("u"), ca.SX.sym("x"), ca.SX(0, 1)
+    f = ca.Function(
+        "rhs",
+        [ca.SX.sym("t"), state, none, u, none, none],
+        [ca.SX(0), getattr(ca, name)(u), none],
+        ["t", "x", "d", "u", "q", "p"],
+        ["dx", "y", "s"],
+    )
+    plan = Plan(
+        rhs=f, update=None, lag=None, method=METHODS["euler"], y=(0,), every_step=False, lanes=1,
+        wide_x=(False,), wide_d=(), wide_p=(), wide_s=(),
+    )  # fmt: skip
+    rng = np.random.default_rng(0)
+    x = np.concatenate([rng.uniform(-size, size, 20000) for size in (0.1, 1.0, 10.0, 1e4, 1e9, 1e15)])
+    x = np.append(x, [*-np.logspace(-300, 9, 2000), 0.0, 20.0, -20.0, 1e300, np.nan])
+    got, none = np.empty((len(x), 1)), np.empty(0)
+    kernel = CompiledKernel(plan)
+    memory, steps = Memory(np.zeros(1), none, none, none, 0, none), Steps(0.0, 1.0, 0, len(x) - 1, True)
+    kernel.advance(memory, x.reshape(-1, 1, 1), got, steps)
+    exact = getattr(np, name)(x.astype(np.longdouble))
+    if np.finfo(np.longdouble).eps > 1e-18:
+        pytest.skip("no extended precision here")
+    assert np.nanmax(np.abs(got[:, 0] - exact) / np.spacing(np.abs(exact).astype(float))) < most
+    assert np.isnan(got[-1, 0])
 
 
 # ---- results on disk

@@ -120,8 +120,9 @@ class PID(Block):
         return dict(integral=u.e, smooth=(u.e - x.smooth) / self.tau)
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        rate = (u.e - x.smooth) / self.tau
-        return dict(y=self.kp * u.e + self.ki * x.integral + self.kd * rate)
+        # Collected by input and states: the error, which a loop waits for, then enters by one product alone.
+        steep = self.kd / self.tau
+        return dict(y=(self.kp + steep) * u.e + (self.ki * x.integral - steep * x.smooth))
 
 
 @block

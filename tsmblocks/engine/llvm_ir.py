@@ -1,24 +1,21 @@
 """LLVM IR for scalar operations, on one number or on one number per SIMD lane.
 
-Elementary functions of lanes are polynomials written out here, so that they need no library; those of single numbers
-call libm, except tanh, whose libm form is slow.
+Elementary functions of lanes are polynomials (``elementary``), so that they need no library; those of single numbers
+call libm, except tanh, sine and cosine: every call of libm makes a kernel store its registers.
 """
 
 from __future__ import annotations
 
-import math
 import struct
 
 from tsmblocks.common.errors import TsmError
+from tsmblocks.engine.elementary import BODIES, Maths
 
 _TRIGONOMETRIC = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh")
 _OTHERS = ("exp", "log", "erf", "log1p", "expm1", "pow", "fmod", "remainder", "atan2", "hypot")
 LIBM = {name.upper(): name for name in (*_TRIGONOMETRIC, *_OTHERS)} | {"CONSTPOW": "pow"}
 """CasADi's operations and the functions of libm that compute them."""
 _INTRINSIC = {"SQRT": "sqrt", "FABS": "fabs", "FLOOR": "floor", "CEIL": "ceil", "COPYSIGN": "copysign"}
-_LN2 = (0.6931471805599453, 2.3190468138462996e-17)
-_HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
-"""A constant as a double, and the difference that this leaves (reduction of Cody and Waite)."""
 _COMPARE = {"LT": "olt", "LE": "ole", "EQ": "oeq", "NE": "une"}
 
 
@@ -41,6 +38,7 @@ class Writer:
         self._count = 0
         self._splats: dict[str, str] = {}
         self._entry_splats: dict[str, str] = {}
+        self._pairs: dict[str, tuple[str, ...]] = {}
 
     # ---- plain writing
 
@@ -58,7 +56,7 @@ class Writer:
     def label(self, name: str) -> None:
         """Begin a basic block; numbers widened in other blocks may not be defined in it, so they are dropped."""
         self.lines.append(f"{name}:")
-        self._splats = dict(self._entry_splats)
+        self._splats, self._pairs = dict(self._entry_splats), {}
 
     def end_of_entry(self) -> None:
         """Keep the numbers widened so far: they are defined in every later block."""
@@ -190,6 +188,8 @@ class Writer:
     def _elementary(self, name: str, a: list[str], wide: bool) -> str:
         if name == "TANH" or (wide and name in ("EXP", "EXPM1", "SIN", "COS")):
             return self._own(name.lower(), a[0], wide)
+        if name in ("SIN", "COS"):
+            return self._of_pair(a[0], ("SIN", "COS").index(name))
         function = LIBM[name]
         doubles = ", ".join(["double"] * len(a))
         self.declared[function] = f"declare double @{function}({doubles}) #1"
@@ -202,20 +202,27 @@ class Writer:
             result = self.emit(f"insertelement {self.vector} {result}, double {value}, i32 {lane}")
         return result
 
+    def _of_pair(self, x: str, which: int) -> str:
+        """Sine or cosine of a single number, both of which are formed at once."""
+        if x not in self._pairs:
+            pair = self._own("both", x, False)
+            self._pairs[x] = tuple(self.emit(f"extractvalue {{double, double}} {pair}, {k}") for k in range(2))
+        return self._pairs[x][which]
+
     def _own(self, name: str, x: str, wide: bool) -> str:
         """Call one of this module's own functions, adding its text on first use."""
         t = self.type(wide)
+        made = "{double, double}" if name == "both" else t
         full = f"tsm_{name}{self.lanes if wide else 1}"
         if full not in self.functions:
             self.functions[full] = ""  # reserves the name while the body is written
             body = Writer(self.lanes if wide else 1, fused=True)
             body.vector = t
-            result = _BODIES[name](_Maths(body, wide), "%x")
-            self.functions[full] = "\n".join(
-                [f"define internal {t} @{full}({t} %x) alwaysinline {{", *body.lines, f"  ret {t} {result}", "}"]
-            )
+            result = BODIES[name](Maths(body, wide), "%x")
+            head = f"define internal {made} @{full}({t} %x) alwaysinline {{"
+            self.functions[full] = "\n".join([head, *body.lines, f"  ret {made} {result}", "}"])
             self.declared.update(body.declared)
-        return self.emit(f"call {t} @{full}({t} {x})")
+        return self.emit(f"call {made} @{full}({t} {x})")
 
     def module(self) -> str:
         """Functions and declarations that the written text needs."""
@@ -225,124 +232,3 @@ class Writer:
             "attributes #1 = { nounwind willreturn memory(none) }",
         ]
         return "\n".join(parts) + "\n"
-
-
-class _Maths:
-    """Shorthand for the polynomials below."""
-
-    def __init__(self, w: Writer, wide: bool) -> None:
-        self.w, self.wide = w, wide
-        self.t = w.type(wide)
-        self.i = f"<{w.lanes} x i64>" if wide else "i64"
-        self.b = f"<{w.lanes} x i1>" if wide else "i1"
-
-    def c(self, x: float) -> str:
-        return self.w.constant(x, self.wide)
-
-    def n(self, x: int) -> str:
-        return str(x) if not self.wide else "<" + ", ".join([f"i64 {x}"] * self.w.lanes) + ">"
-
-    def op(self, instruction: str, *args: str) -> str:
-        """An instruction on floating-point numbers."""
-        return self.w.emit(f"{instruction} {self.t} {', '.join(args)}")
-
-    def whole(self, instruction: str, *args: str) -> str:
-        """An instruction on integers."""
-        return self.w.emit(f"{instruction} {self.i} {', '.join(args)}")
-
-    def function(self, name: str, *args: str) -> str:
-        return self.w.intrinsic(name, list(args), self.wide)
-
-    def fma(self, a: str, b: str, c: str) -> str:
-        return self.function("fma", a, b, c)
-
-    def pick(self, flag: str, a: str, b: str) -> str:
-        return self.w.emit(f"select {self.b} {flag}, {self.t} {a}, {self.t} {b}")
-
-    def poly(self, r: str, coefficients: list[float]) -> str:
-        """Estrin's scheme: pairs, then pairs of pairs, so that the chain of additions stays short."""
-        terms = [self.c(q) for q in coefficients]
-        power = r
-        while len(terms) > 1:
-            terms = [
-                self.fma(terms[k + 1], power, terms[k]) if k + 1 < len(terms) else terms[k]
-                for k in range(0, len(terms), 2)
-            ]
-            power = self.op("fmul", power, power) if len(terms) > 1 else power
-        return terms[0]
-
-    def power(self, whole: str) -> str:
-        """2**n for the low bits of an integer."""
-        shifted = self.whole("shl", self.whole("add", whole, self.n(1023)), self.n(52))
-        return self.w.emit(f"bitcast {self.i} {shifted} to {self.t}")
-
-    def remainder(self, x: str, n: str, of: tuple[float, float]) -> str:
-        """x - n c for a constant c in two parts."""
-        minus = self.op("fneg", n)
-        return self.fma(minus, self.c(of[1]), self.fma(minus, self.c(of[0]), x))
-
-
-def _exponential(m: _Maths, x: str, less: bool) -> str:
-    """exp(x), or exp(x) - 1: 2**n exp(r) with x = n ln 2 + r and |r| <= ln(2)/2. NaN stays NaN."""
-    low, high = m.c(-708.0), m.c(709.0)
-    inside = m.pick(m.op("fcmp ogt", x, high), high, x)
-    inside = m.pick(m.op("fcmp olt", inside, low), low, inside)
-    n = m.function("rint", m.op("fmul", inside, m.c(1 / math.log(2))))
-    r = m.remainder(inside, n, _LN2)
-    q = m.poly(r, [1 / math.factorial(k) for k in range(2, 14)])
-    s = m.power(m.w.emit(f"fptosi {m.t} {n} to {m.i}"))
-    e = m.fma(m.op("fmul", r, r), q, r)
-    y = m.fma(s, e, m.op("fsub", s, m.c(1.0)) if less else s)
-    y = m.pick(m.op("fcmp ogt", x, high), m.c(math.inf), y)
-    return y if less else m.pick(m.op("fcmp olt", x, low), m.c(0.0), y)
-
-
-def _tanh(m: _Maths, x: str) -> str:
-    """Written for a short chain of operations, since every plant with hysteresis evaluates it at each stage.
-
-    Adding 1.5 * 2**52 rounds to integers and leaves them in the low bits; arguments
-    outside of its range are replaced at the end, in parallel to the chain.
-    """
-    big = m.c(6755399441055744.0)
-    twice = m.op("fadd", x, x)
-    rounded = m.fma(twice, m.c(1 / math.log(2)), big)
-    r = m.remainder(twice, m.op("fsub", rounded, big), _LN2)
-    s = m.power(m.w.emit(f"bitcast {m.t} {rounded} to {m.i}"))
-    e = m.fma(m.op("fmul", r, r), m.poly(r, [1 / math.factorial(k) for k in range(2, 14)]), r)
-    over = m.fma(s, e, m.op("fsub", s, m.c(1.0)))
-    y = m.op("fdiv", over, m.fma(s, e, m.op("fadd", s, m.c(1.0))))
-    far = m.op("fcmp ogt", m.function("fabs", x), m.c(20.0))
-    one = m.function("copysign", m.c(1.0), x)
-    m.w.declared["!0"] = "!0 = !{}"  # without this mark LLVM makes it a branch around the division
-    return m.w.emit(f"select {m.b} {far}, {m.t} {one}, {m.t} {y}, !unpredictable !0")
-
-
-def _sincos(m: _Maths, x: str, cosine: bool) -> str:
-    """Accurate up to |x| of about 1e9: reduction by pi/2 in two parts (Cody and Waite), then Taylor polynomials."""
-    n = m.function("rint", m.op("fmul", x, m.c(2 / math.pi)))
-    r = m.remainder(x, n, _HALF_PI)
-    z = m.op("fmul", r, r)
-    s = m.poly(z, [(-1) ** k / math.factorial(2 * k + 1) for k in range(1, 9)])
-    sine = m.fma(m.op("fmul", r, z), s, r)
-    c = m.poly(z, [(-1) ** k / math.factorial(2 * k) for k in range(2, 9)])
-    cos = m.fma(m.op("fmul", z, z), c, m.fma(z, m.c(-0.5), m.c(1.0)))
-    k = m.w.emit(f"fptosi {m.t} {n} to {m.i}")
-    if cosine:
-        k = m.whole("add", k, m.n(1))
-    odd = m.whole("icmp ne", m.whole("and", k, m.n(1)), m.n(0))
-    chosen = m.pick(odd, cos, sine)
-    sign = m.whole("shl", m.whole("and", k, m.n(2)), m.n(62))
-    bits = m.whole("xor", m.w.emit(f"bitcast {m.t} {chosen} to {m.i}"), sign)
-    y = m.w.emit(f"bitcast {m.i} {bits} to {m.t}")
-    # beyond the range of the reduction the result would be wrong, so it is NaN
-    far = m.op("fcmp ogt", m.function("fabs", x), m.c(1e9))
-    return m.pick(far, m.c(math.nan), y)
-
-
-_BODIES = {
-    "exp": lambda m, x: _exponential(m, x, False),
-    "expm1": lambda m, x: _exponential(m, x, True),
-    "tanh": _tanh,
-    "sin": lambda m, x: _sincos(m, x, False),
-    "cos": lambda m, x: _sincos(m, x, True),
-}

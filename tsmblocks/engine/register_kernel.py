@@ -247,7 +247,7 @@ class RegisterKernel(KernelFrame):
             self.w.store(values[node], f"%c{node}", self.rhs.wide[node])
 
     def _weighted_step(self, start: list[str], rates: list[list[str]], weights: tuple[float, ...]) -> list[str]:
-        """x + h * sum of weighted rates; equal weights share one multiplication."""
+        """x + h * sum of weighted rates; equal weights share one multiplication, and the last rate is added last."""
         w, made = self.w, []
         for k, (x, wide) in enumerate(zip(start, self.x.wide, strict=True)):
             by_weight: dict[float, str] = {}
@@ -255,7 +255,7 @@ class RegisterKernel(KernelFrame):
                 if weight:
                     value = rate[k]
                     by_weight[weight] = w.add(by_weight[weight], value, wide) if weight in by_weight else value
-            for weight, value in by_weight.items():
+            for weight, value in reversed(by_weight.items()):
                 part = w.widen(self.fraction[weight]) if wide else self.fraction[weight]
                 x = w.add(x, w.mul(part, value, wide), wide)
             made.append(x)
