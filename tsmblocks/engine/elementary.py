@@ -37,9 +37,11 @@ class Maths:
         self.b = f"<{w.lanes} x i1>" if wide else "i1"
 
     def c(self, x: float) -> str:
+        """A number written out."""
         return self.w.constant(x, self.wide)
 
     def n(self, x: int) -> str:
+        """An integer written out."""
         return str(x) if not self.wide else "<" + ", ".join([f"i64 {x}"] * self.w.lanes) + ">"
 
     def op(self, instruction: str, *args: str) -> str:
@@ -51,12 +53,15 @@ class Maths:
         return self.w.emit(f"{instruction} {self.i} {', '.join(args)}")
 
     def function(self, name: str, *args: str) -> str:
+        """An intrinsic of LLVM."""
         return self.w.intrinsic(name, list(args), self.wide)
 
     def fma(self, a: str, b: str, c: str) -> str:
+        """a b + c with one rounding."""
         return self.function("fma", a, b, c)
 
     def pick(self, flag: str, a: str, b: str) -> str:
+        """a where the flag is set, else b."""
         return self.w.emit(f"select {self.b} {flag}, {self.t} {a}, {self.t} {b}")
 
     def poly(self, r: str, coefficients: list[float]) -> str:
@@ -135,7 +140,7 @@ def _sincos(m: Maths, x: str, cosine: bool) -> str:
 
 
 def _reduced(m: Maths, x: str) -> tuple[str, str, str]:
-    """Number of the quadrant, and sine and cosine of what is left of x, at most pi/4 in size."""
+    """Number of the quadrant, and sine and cosine of x less a multiple of pi/2, at most pi/4 in size."""
     n = m.function("rint", m.op("fmul", x, m.c(2 / math.pi)))
     r = m.remainder(x, n, _HALF_PI)
     z = m.op("fmul", r, r)
