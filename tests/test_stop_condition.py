@@ -1,5 +1,6 @@
 """Resets and stop conditions located within the step, against closed forms and SciPy at tight tolerance."""
 
+import json
 import math
 
 import attrs
@@ -11,10 +12,11 @@ from scipy.optimize import brentq
 from tsmblocks.block import Block, Output, block, parameter, state
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Delay, FirstOrderLag, Gain, Ramp, Sine, ZeroOrderHold
+from tsmblocks.blocks import Delay, FirstOrderLag, Gain, Integrator, Ramp, Relay, Sine, ZeroOrderHold
 from tsmblocks.cli.entry import main
 from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.engine.events import SlidingWarning
+from tsmblocks.simulation.stop_condition import IgnoredConditionWarning
 
 G = 9.81
 
@@ -273,3 +275,32 @@ def test_a_held_input_ends_a_run_where_it_jumps(step, locate):
     options = dict(stop=0.9, step=step, hold="zero", locate=locate, stop_when="y > 2.5")
     run = tsm.simulate(d, inputs={"u": (np.append(0.0, late[1:]), 1.0 * np.arange(11))}, **options)
     assert run.t[-1] == pytest.approx(0.3 if on_grid else late[3], abs=1e-11 * step)
+
+
+def test_a_condition_of_a_diagram_inside_another_is_warned_of(recwarn):
+    motor = tsm.load("motor_linear")
+    alone = motor.with_simulation(attrs.evolve(motor.simulation, stop_when="x > 1"))
+    held = tsm.Diagram(title="held", blocks=dict(m=alone), inputs=dict(u="m.u"), outputs=dict(x="m.x"))
+    around = tsm.Diagram(title="around", blocks=dict(part=held), inputs=dict(u="part.u"), outputs=dict(x="part.x"))
+    said = "diagram 'around': runs of part.m alone end with stop_when = 'x > 1', which does not act here"
+    with pytest.warns(IgnoredConditionWarning, match=said) as caught:
+        assert tsm.simulate(around, inputs=dict(u=12.0), stop=0.5).t[-1] == 0.5
+    assert caught[0].filename == __file__
+    tsm.simulate(around, inputs=dict(u=12.0), stop=0.5, stop_when="")
+    tsm.simulate(alone, inputs=dict(u=12.0), stop=0.5)
+    assert not recwarn
+
+
+def test_the_command_locates_switches(tmp_path, capsys):
+    d = tsm.Diagram(
+        title="relay",
+        blocks=dict(s=Sine(amplitude=1.0, frequency=0.5), r=Relay(on=0.3, off=-0.3, high=1.0, low=0.0), i=Integrator()),
+        wires=["s -> r -> i"],
+        outputs=dict(y="i"),
+    )
+    tsm.save(d, tmp_path / "relay.toml")
+    for more, error in ((["--locate"], 1e-9), ([], 0.02)):
+        assert main(["run", str(tmp_path / "relay.toml"), "--stop", "1.9", "--step", "0.013", "--json", *more]) == 0
+        made = json.loads(capsys.readouterr().out)
+        assert abs(made["outputs"]["y"]["last"] - 1.0) < error
+        assert (made.get("switches", 0) >= 2) == bool(more)

@@ -29,6 +29,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--stop", type=common.finite_float, metavar="S", help="end of the run in s (default: end of the data, else 20)")
     add("--step", help="step in s (default: that of the diagram's file, else 0.001)")
     add("--stop-when", metavar="C", help="end the run where this becomes true, such as 'x > 1' (default: the file's)")
+    add(
+        "--locate", action="store_true", help="find the instants within a step at which relays, limits, friction switch"
+    )
     known = "euler, heun, rk4, or for stiff diagrams sdirk2, sdirk3, sdirk4"
     add("--method", default="", help=f"{known} (default: that of the diagram's file, else rk4)")
     add("--set")
@@ -61,6 +64,7 @@ def execute(args: argparse.Namespace) -> int:
     if plot:
         written.append(str(_plot(run, plot, residuals)))
     summary = {**summarise(run, args.diagram, record, residuals), "every": args.every}
+    summary |= {"switches": len(run.events)} if args.locate else {}
     text = "\n".join(filter(None, [summary_text(summary), common.wrote(written)]))
     common.print_result(args, {**summary, "written": written}, text)
     if not run.complete:
@@ -85,7 +89,7 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
                 inputs=inputs,
                 log="outputs" if diagram.outputs else "all",
                 progress=progress,
-                **common.passed(args, "stop", "stop_when", "step", "method", "every", "backend", "loops"),
+                **common.passed(args, "stop", "stop_when", "step", "method", "every", "backend", "loops", "locate"),
             )
     except RunError as error:
         if out and error.run is not None and len(error.run.t):

@@ -21,7 +21,7 @@ from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
 from tsmblocks.simulation.singular_loops import with_determinants, without_determinants
 from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
-from tsmblocks.simulation.stop_condition import Ended, run_until, stop_condition, watched
+from tsmblocks.simulation.stop_condition import Ended, condition_of, run_until, stop_condition, watched
 
 
 def simulate(
@@ -132,7 +132,7 @@ def simulate(
     times = options.times
     as_callback(progress, "the fraction done")
     eq = equations(diagram, loops=loops)
-    condition = stop_condition(eq, text) if (text := _stop_when(stop_when, diagram)) else None
+    condition = stop_condition(eq, text) if (text := condition_of(diagram, stop_when)) else None
     chosen, names = logged_signals(eq, log, times, condition.signals if condition else ())
     rule, p = options.rule, parameter_vector(eq, diagram)
     eq, chosen = with_determinants(eq, chosen)
@@ -162,11 +162,6 @@ def simulate(
     error = divergence_error(last, backend, stopped.steps)
     error.run = attrs.evolve(run, state=attrs.evolve(run.state, diverged_at=error.time))
     raise error
-
-
-def _stop_when(given: str | None, diagram: Diagram) -> str:
-    """The condition that ends a run: the one given, else that of the diagram's file; ``""`` for none."""
-    return diagram.simulation.stop_when if given is None else given
 
 
 def _result(

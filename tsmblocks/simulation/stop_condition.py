@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import attrs
 import numpy as np
@@ -13,11 +14,42 @@ from tsmblocks.common.errors import RunError
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.session import Session, Stopped
 from tsmblocks.metrics.conditions import Condition, condition
+from tsmblocks.model.diagram import Diagram
 
 FIRST_PIECE, PIECE_STEPS = 64, 4096
 """Steps between two checks of the condition, at first and at most. Chosen: a check costs little beside them."""
 INSTANT_TOLERANCE = 1e-12
 """Share of a step to which the end is located. Chosen: some thousand roundings of a step."""
+
+
+class IgnoredConditionWarning(UserWarning):
+    """A condition at which a diagram ends its runs, which does not act since that diagram stands in another."""
+
+
+def condition_of(diagram: Diagram, given: str | None) -> str:
+    """The condition that ends a run: the one given, else that of the diagram's file; ``""`` for none.
+
+    Warns of conditions of the diagrams inside, unless one is given.
+    """
+    if given is not None:
+        return given
+    for name, one in _inner_conditions(diagram):
+        warnings.warn(
+            f"diagram '{diagram.title}': runs of {name} alone end with stop_when = '{one}', which does not act here, "
+            "where its signals have other names. Give simulate a stop_when of its own, '' for none.",
+            IgnoredConditionWarning,
+            stacklevel=3,
+        )
+    return diagram.simulation.stop_when
+
+
+def _inner_conditions(diagram: Diagram, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Names of diagrams inside that end their runs, and the condition of each."""
+    for name, block in diagram.blocks.items():
+        if isinstance(block, Diagram):
+            if block.simulation.stop_when:
+                yield prefix + name, block.simulation.stop_when
+            yield from _inner_conditions(block, f"{prefix}{name}.")
 
 
 @attrs.frozen(eq=False)
