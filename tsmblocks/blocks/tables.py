@@ -77,10 +77,10 @@ class LookupTable2D(Block):
     source = "definition; de Boor, A Practical Guide to Splines (2001), chapters IX, XIII and XVII"
     symbol = "table 2-D"
 
-    points1: tuple[float, ...] = parameter(default=(-1.0, -0.2, 0.2, 1.0), about="inputs u1, increasing", unit="?u")
+    points1: tuple[float, ...] = parameter(default=(0.0, 1.0, 2.0, 3.0), about="inputs u1, increasing", unit="?u")
     points2: tuple[float, ...] = parameter(default=(0.0, 1.0, 2.0, 4.0), about="inputs u2, increasing", unit="?v")
     values: Rows = parameter(
-        default=((-0.8, -0.4, -0.2, -0.1), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.8, 0.4, 0.2, 0.1)),
+        default=((0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 2.0, 3.0), (0.0, 2.0, 3.0, 4.0), (0.0, 3.0, 4.0, 4.0)),
         about="outputs there, as rows: one for each of points1",
         unit="?y",
     )

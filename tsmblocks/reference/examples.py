@@ -105,7 +105,7 @@ DRIVE: dict[str, dict[str, Block]] = {
     "Product": {"u1": Sine(amplitude=1.0), "u2": Ramp(slope=0.1)},
     "RateDependence": {"u": Chirp(amplitude=1.0, f1=1.0, duration=10.0)},
     "Sum": {"plus": Sine(amplitude=1.0), "minus": Step(time=5.0, after=0.5)},
-    "LookupTable2D": {"u1": Sine(amplitude=1.2), "u2": Ramp(slope=0.5)},
+    "LookupTable2D": {"u1": Sine(amplitude=1.8, offset=1.5), "u2": Ramp(slope=0.5)},
     "Logic": {"u1": Sine(amplitude=1.0), "u2": Sine(amplitude=1.0, frequency=0.5)},
     "TriggeredHold": {"u": Sine(amplitude=1.0), "trigger": Sine(amplitude=1.0, frequency=0.7)},
     "Switch": {"u1": Sine(amplitude=1.0), "u2": Constant(value=0.5), "control": Step(time=5.0)},
