@@ -3,18 +3,21 @@
 import copy
 import pickle
 
+import attrs
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from tests.strategies import diagrams, flattened_by_hand
+from tsmblocks import load
 from tsmblocks.blocks import (
     PID,
     AsymmetricBoucWen,
     Constant,
     Convert,
     Derivative,
+    FirstOrderLag,
     Gain,
     Integrator,
     MotorTransferFunction,
@@ -578,3 +581,35 @@ def test_the_strategy_makes_what_it_promises():
 
     look()
     assert {"Diagram", "feedback", "shared", "ZeroOrderHold", "Delay", "PID", "Product"} <= found
+
+
+@pytest.mark.parametrize("name", ["fig16_feedforward_feedback", "tendon_sheath_prandtl_ishlinskii", "motor_linear"])
+def test_other_parameters_give_the_diagram_that_is_made_anew(name):
+    """All of it, units and interface included, though only numbers are checked again."""
+    d = load(name)
+    for key, value in d.parameters.items():
+        made = d.with_parameters({key: value * 1.001})
+        fresh = made._with()
+        assert made == fresh
+        for field in attrs.fields(Diagram):
+            assert getattr(made, field.name) == getattr(fresh, field.name)
+        assert made.parameters[key] == value * 1.001
+
+
+def test_parameters_that_change_ports_are_checked_as_a_whole():
+    d = Diagram(title="d", blocks={"a": Sum(signs="+-")}, wires=[], inputs={"r": "a.plus", "y": "a.minus"})
+    with pytest.raises(DiagramError, match="no input 'minus'"):
+        d.with_parameters({"a.signs": "++"})
+    inner = Diagram(title="o", blocks={"d": d}, wires=[], inputs={"r": "d.r", "y": "d.y"})
+    with pytest.raises(DiagramError, match="no input 'minus'"):
+        inner.with_parameters({"d.a.signs": "++"})
+
+
+def test_numbers_of_the_table_are_checked_in_all_blocks_that_refer_to_them():
+    d = Diagram(
+        title="d", blocks={"g": FirstOrderLag(time_constant="$T")}, wires=[], inputs={"u": "g"}, values={"T": 0.5}
+    )
+    with pytest.raises(DiagramError, match=r"g: .*From values: T = -1\."):
+        d.with_parameters({"T": -1.0})
+    with pytest.raises(DiagramError, match="refers to a number that is not in values"):
+        d.with_parameters({"g.time_constant": "$S"})

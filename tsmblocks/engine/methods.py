@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import attrs
+import numpy as np
 
 from tsmblocks.common.errors import RunError, near
 
@@ -48,6 +49,20 @@ class Method:
 
         ``z`` is a number or an array of them.
         """
+        if np.all(abs(z) < self._safe_radius):
+            return np.zeros(np.shape(z), dtype=bool)
+        return self._amplifies(z)
+
+    @cached_property
+    def _safe_radius(self) -> float:
+        """Size of z up to which no decaying mode grows; R is analytic, so |R| is largest on the border."""
+        angles = np.linspace(np.pi / 2, np.pi, 91)
+        radii = np.arange(1, 60) * 0.05
+        grows = self._amplifies(radii[:, None] * np.exp(1j * angles)).any(axis=1)
+        return float(radii[np.argmin(~grows) - 1 if grows.any() else -1]) if not grows[0] else 0.0
+
+    def _amplifies(self, z: Any) -> Any:
+        """Whether |R(z)| > 1."""
         stages: list[Any] = []
         for row in self.rows:
             explicit = 1 + z * sum(a * k for a, k in zip(row, stages, strict=False))

@@ -229,8 +229,13 @@ class Diagram:
 
         Entries of the ``values`` table are listed under their own name, not under the blocks that refer to them.
         """
-        entries = ((name, value) for _, name, kind, value in self._entries() if kind != "option")
-        return {k: x for name, value in entries for k, x in leaves(value, name) if not is_reference(x)}
+        made: dict[str, float] = {}
+        for _, name, kind, value in self._entries():
+            if type(value) is float and kind != "option":  # most are, and this is asked for at every run
+                made[name] = value
+            elif kind != "option":
+                made |= {k: x for k, x in leaves(value, name) if not is_reference(x)}
+        return made
 
     def _entries(self, prefix: str = "") -> Iterator[tuple[Diagram, str, str, Any]]:
         """The diagram, full name, kind and value of each number in a table and each field of a block, at any depth."""
@@ -329,6 +334,21 @@ class Diagram:
         fields = {**self._fields(), "wires": self.links, **changes}
         kept = {k: v for k, v in fields["output_units"].items() if k in fields["outputs"]}
         return Diagram(**{**fields, "output_units": kept})
+
+    def _with_numbers(self, blocks: Mapping[str, Any], values: Mapping[str, Any]) -> Diagram:
+        """The same diagram with other numbers in blocks whose ports stay the same: wires and units are not checked.
+
+        That takes most of the time that a new set of parameters costs.
+        """
+        made: Diagram = object.__new__(Diagram)
+        for field in attrs.fields(Diagram):
+            object.__setattr__(made, field.name, getattr(self, field.name))
+        object.__setattr__(made, "blocks", _frozen(blocks))
+        object.__setattr__(made, "values", _values(values))
+        judged = blocks if made.values != self.values else {k: b for k, b in blocks.items() if b is not self.blocks[k]}
+        if faults := list(validation.value_faults(judged, made.values, ())):
+            raise DiagramError(self.title, faults, self.where)
+        return made
 
     def insert(
         self, name: str, block: Block | Diagram, *, after: str = "", before: str = "", wires: Iterable[str] = ()

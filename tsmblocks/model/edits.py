@@ -251,7 +251,16 @@ def override(diagram: Diagram, changes: Mapping[str, Any], whole: Diagram, prefi
             blocks[name] = _with_fields(block, part)
         except ParameterError as error:
             raise ParameterError(f"{prefix}{name}: {error}") from None
+    if all(_same_ports(diagram.blocks[name], blocks[name]) for name in grouped):
+        return diagram._with_numbers(blocks, values)
     return diagram._with(blocks=blocks, values=values)
+
+
+def _same_ports(old: Any, new: Any) -> bool:
+    """Whether a block with other values has the same ports, so that wires and units mean the same."""
+    if not isinstance(old, Block):
+        return old.interface is new.interface  # kept by ``_with_numbers``
+    return bool(old.inports == new.inports and old.outports == new.outports)
 
 
 def _with_fields(block: Block, part: Mapping[str, Any]) -> Block:

@@ -86,7 +86,7 @@ def examine(
     faults += [*bad_wires, *bad_inputs, *bad_outputs, *_driver_faults(every)]
     if not (silent or bad_wires or bad_inputs):  # a misspelt wire leaves a port unconnected: only that is reported
         faults += _unconnected_faults(known, {link.target for link in every})
-    faults += _value_faults(known, values, unsure)
+    faults += value_faults(known, values, unsure)
     declared = {k: v.unit for k, v in inputs.items()}
     given = {k: unit for k, unit in (output_units or {}).items() if unit}
     faults += [f"output_units: there is no output '{k}'.{near(k, outputs)}" for k in given if k not in outputs]
@@ -191,7 +191,7 @@ def _unconnected_faults(blocks: Mapping[str, Any], driven: Collection[End]) -> I
                 yield placed(f"{wrong} Wire it, list it under inputs, or drive it with a Constant.", name)
 
 
-def _value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure: Collection[str]) -> Iterator[str]:
+def value_faults(blocks: Mapping[str, Any], values: Mapping[str, float], unsure: Collection[str]) -> Iterator[str]:
     """References to numbers that are not in the table, and referenced numbers that a block refuses.
 
     Numbers named in ``unsure`` exist, and are not judged.
