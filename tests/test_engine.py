@@ -958,6 +958,15 @@ def test_own_elementary_functions_of_single_numbers_against_extended_precision(n
     assert np.isnan(got[-1, 0])
 
 
+@pytest.mark.parametrize("count", [20, 900])
+def test_many_sines_are_called_and_give_the_same_bits_as_inlined(count):
+    blocks = {f"s{k}": Sine(frequency=0.3 + 0.7 * k) for k in range(count)}
+    whole = tsm.simulate(tsm.Diagram(title="many", blocks=blocks, wires=[]), stop=0.5)
+    for k in (0, 7, 19):
+        alone = tsm.simulate(tsm.Diagram(title="one", blocks={"s": Sine(frequency=0.3 + 0.7 * k)}, wires=[]), stop=0.5)
+        assert np.array_equal(whole[f"s{k}.y"], alone["s.y"])
+
+
 # ---- results on disk
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+_TO_WHOLE = 1.5 * 2.0**52
+"""Adding this rounds a number to an integer, which is then in its low bits."""
 _LN2 = (0.6931471805599453, 2.3190468138462996e-17)
 _HALF_PI = (1.5707963267948966, 6.123233995736766e-17)
 _QUARTER_LN2 = (0.17328679513998632, 5.797617034615749e-18)
@@ -106,12 +108,11 @@ def _tanh(m: Maths, x: str) -> str:
     """(E - 1) / (E + 1) with E = exp(2x) = 2**(n/2) exp(2s) and |s| <= ln(2)/8, a few units in the last place.
 
     Written for a short chain of operations, since every plant with hysteresis evaluates it at each stage: all that does
-    not wait for the polynomial in s is formed beside it. Adding 1.5 * 2**52 rounds to integers and leaves them in the
-    low bits; arguments outside of its range are replaced at the end, in parallel to the chain.
+    not wait for the polynomial in s is formed beside it. Arguments beyond the range of the reduction are replaced at
+    the end, in parallel to the chain.
     """
-    big = m.c(6755399441055744.0)
-    rounded = m.fma(x, m.c(4 / math.log(2)), big)
-    n = m.op("fsub", rounded, big)
+    rounded = m.fma(x, m.c(4 / math.log(2)), m.c(_TO_WHOLE))
+    n = m.op("fsub", rounded, m.c(_TO_WHOLE))
     s = m.fma(m.op("fneg", n), m.c(_QUARTER_LN2[0]), x)
     bits = m.w.emit(f"bitcast {m.t} {rounded} to {m.i}")
     odd = m.whole("icmp ne", m.whole("and", bits, m.n(1)), m.n(0))
@@ -141,14 +142,14 @@ def _sincos(m: Maths, x: str, cosine: bool) -> str:
 
 def _reduced(m: Maths, x: str) -> tuple[str, str, str]:
     """Number of the quadrant, and sine and cosine of x less a multiple of pi/2, at most pi/4 in size."""
-    n = m.function("rint", m.op("fmul", x, m.c(2 / math.pi)))
-    r = m.remainder(x, n, _HALF_PI)
+    rounded = m.fma(x, m.c(2 / math.pi), m.c(_TO_WHOLE))
+    r = m.remainder(x, m.op("fsub", rounded, m.c(_TO_WHOLE)), _HALF_PI)
     z = m.op("fmul", r, r)
     s = m.poly(z, [(-1) ** k / math.factorial(2 * k + 1) for k in range(1, 9)])
     sine = m.fma(m.op("fmul", r, z), s, r)
     c = m.poly(z, [(-1) ** k / math.factorial(2 * k) for k in range(2, 9)])
     cos = m.fma(m.op("fmul", z, z), c, m.fma(z, m.c(-0.5), m.c(1.0)))
-    return m.w.emit(f"fptosi {m.t} {n} to {m.i}"), sine, cos
+    return m.w.emit(f"bitcast {m.t} {rounded} to {m.i}"), sine, cos
 
 
 def _quadrant(m: Maths, k: str, sine: str, cos: str, *, cosine: bool) -> str:

@@ -180,7 +180,7 @@ class LargeKernel(KernelFrame):
             self._cut("delays", self.lag, _stores(self.lag, 0, self.s), {})
         self._place()
         self.write_run()
-        return "\n".join([*self.parts, *self.w.lines]) + "\n" + _COMBINE + self.w.module()
+        return "\n".join([*self.parts, *self.w.lines]) + "\n" + _COMBINE + self.w.module(self.parts)
 
     def _place(self) -> None:
         """Offset of each array in the work area."""

@@ -7,6 +7,7 @@ call libm, except tanh, sine and cosine: every call of libm makes a kernel store
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.engine.elementary import BODIES, Maths
@@ -16,6 +17,8 @@ _OTHERS = ("exp", "log", "erf", "log1p", "expm1", "pow", "fmod", "remainder", "a
 LIBM = {name.upper(): name for name in (*_TRIGONOMETRIC, *_OTHERS)} | {"CONSTPOW": "pow"}
 """CasADi's operations and the functions of libm that compute them."""
 _INTRINSIC = {"SQRT": "sqrt", "FABS": "fabs", "FLOOR": "floor", "CEIL": "ceil", "COPYSIGN": "copysign"}
+MOST_INLINED = 12
+"""Places at which sine and cosine are inlined, at most. Chosen: 12 take 30 ms to compile, 180 take 2 s."""
 _COMPARE = {"LT": "olt", "LE": "ole", "EQ": "oeq", "NE": "une"}
 
 
@@ -202,6 +205,13 @@ class Writer:
             result = self.emit(f"insertelement {self.vector} {result}, double {value}, i32 {lane}")
         return result
 
+    def _call_instead(self, written: Iterable[str]) -> None:
+        """Call the function for sine and cosine where it is needed often: inlined, it makes compilation slow."""
+        name = "tsm_both1"
+        used = sum(line.count(f"@{name}(") for line in (*written, *self.lines))
+        if used > MOST_INLINED:
+            self.functions[name] = self.functions[name].replace("alwaysinline", "noinline", 1)
+
     def _of_pair(self, x: str, which: int) -> str:
         """Sine or cosine of a single number, both of which are formed at once."""
         if x not in self._pairs:
@@ -224,8 +234,9 @@ class Writer:
             self.declared.update(body.declared)
         return self.emit(f"call {made} @{full}({t} {x})")
 
-    def module(self) -> str:
-        """Functions and declarations that the written text needs."""
+    def module(self, written: Iterable[str] = ()) -> str:
+        """Functions and declarations that the text needs, some of which has been written before."""
+        self._call_instead(written)
         parts = [
             *self.functions.values(),
             *self.declared.values(),
