@@ -158,7 +158,7 @@ def test_a_file_reads_as_if_written_by_hand():
 def test_a_diagram_inside_is_written_in_place():
     inner = Diagram(
         title="drive",
-        blocks=dict(limit=Saturation(high="$most"), motor=MotorTransferFunction()),
+        blocks=dict(limit=Saturation(low=-24.0, high="$most"), motor=MotorTransferFunction()),
         wires=["limit -> motor"],
         inputs={"u": Inlet("limit", unit="V", about="wanted voltage"), "spare": []},
         outputs={"x": "motor.y", "echo": "u"},

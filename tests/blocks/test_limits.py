@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+import tsmblocks as tsm
 from tests.blocks.helpers import assert_sound, refuses, simulate, value
 from tsmblocks.blocks.limits import (
     DeadZone,
@@ -214,6 +215,33 @@ def test_relay_holds_within_the_step():
         assert value(Relay(high=10.0), {"active": 1.0}, u=u)["y"] == 10
 
 
+@pytest.mark.parametrize(
+    ("cls", "low", "high"),
+    [
+        (Saturation, "low", "high"),
+        (SoftSaturation, "low", "high"),
+        (DeadZone, "low", "high"),
+        (RateLimit, "falling", "rising"),
+        (SoftRateLimit, "falling", "rising"),
+    ],
+)
+def test_a_limit_that_is_given_alone_has_its_opposite(cls, low, high):
+    one, other = cls(**{high: 5.0}), cls(**{low: -5})
+    assert one == other == cls(**{low: -5.0, high: 5.0})
+    assert one.replace(**{high: 7.0}) == cls(**{low: -5.0, high: 7.0})
+    # A file means what it meant before: the default.
+    text = f'format = 1\nwires = []\n[blocks]\nb = {{ type = "{cls.__name__}", {high} = 5.0 }}\n[inputs]\nu = "b.u"\n'
+    old = tsm.loads(text)
+    assert getattr(old.blocks["b"], low) == getattr(cls(), low)
+    assert tsm.loads(tsm.dumps(old)) == old
+    new = old.replace("b", one)
+    assert tsm.loads(tsm.dumps(new)) == new != old
+
+
+def test_a_limit_that_never_acts_has_its_opposite():
+    assert Saturation(high=np.inf) == Saturation(low=-np.inf) == Saturation(low=-np.inf, high=np.inf)
+
+
 def test_refuses_what_does_not_go_together():
     refuses("Saturation needs low < high, got low=1, high=1.", Saturation, low=1, high=1)
     refuses("SoftSaturation needs low < high, got low=1, high=1.", SoftSaturation, low=1, high=1)
@@ -222,7 +250,7 @@ def test_refuses_what_does_not_go_together():
         SoftSaturation,
         softness=0,
     )
-    refuses("DeadZone needs low <= high, got low=0.2, high=0.05.", DeadZone, low=0.2)
+    refuses("DeadZone needs low <= high, got low=0.2, high=-0.2.", DeadZone, low=0.2)
     refuses("Relay needs off <= on, got off=1, on=0.01.", Relay, off=1)
     refuses("RateLimit.falling must lie in (-inf, 0), got 3. It is: fastest fall, negative.", RateLimit, falling=3)
     refuses(

@@ -303,6 +303,11 @@ def limits_are_swapped():
     Saturation(low=24.0, high=0.0)
 
 
+@mistake(ParameterError, "Saturation.low must be given where high refers to values ($limit). It is: smallest output.")
+def one_limit_that_refers_to_values():
+    Saturation(high="$limit")
+
+
 @mistake(ParameterError, "drive: Saturation needs low < high, got low=24, high=-24.")
 def limits_are_swapped_later():
     position_loop().with_parameters({"drive.low": 24.0, "drive.high": -24.0})
@@ -430,7 +435,7 @@ diagram 'position loop' (HERE) has 1 problem:
 """,
 )
 def limits_swapped_by_a_value():
-    position_loop(blocks={**BLOCKS, "drive": Saturation(high="$limit")}, values={"limit": -30.0})
+    position_loop(blocks={**BLOCKS, "drive": Saturation(low=-24.0, high="$limit")}, values={"limit": -30.0})
 
 
 @mistake(

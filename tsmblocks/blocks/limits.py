@@ -22,14 +22,14 @@ class Saturation(Block):
 
     The paper says that the drive gives the motor between 0 and 24 V. A sine needs both directions, so 24 V is taken as
     the largest magnitude: with 0 to 24 V the motor never returns, and the diagram of Fig. 9(b) leaves an error of 110
-    deg peak to peak.
+    deg peak to peak. Where one limit alone is given, the other is its opposite.
     """
 
     source = "Paper, section 5.1: between 0 and 24 V; taken in both directions"
     symbol = "sat"
 
-    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
-    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
+    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False, opposite="high")
+    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False, opposite="low")
     u = Input("wanted value", unit="?u")
     y = Output("value the actuator can give", unit="?u")
 
@@ -51,8 +51,8 @@ class SoftSaturation(Block):
     source = "definition; Dugas and others, NIPS 13 (2000), the softplus function"
     symbol = "soft sat"
 
-    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False)
-    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False)
+    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False, opposite="high")
+    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False, opposite="low")
     softness: float = parameter(default=1.0, about="distance s from a limit where it begins", unit="?u", above=0.0)
     u = Input("wanted value", unit="?u")
     y = Output("value the actuator can give", unit="?u")
@@ -88,8 +88,8 @@ class DeadZone(Block):
     source = "definition"
     symbol = "dead zone"
 
-    low: float = parameter(default=-0.05, about="lower edge of the zone", unit="?u")
-    high: float = parameter(default=0.05, about="upper edge of the zone", unit="?u")
+    low: float = parameter(default=-0.05, about="lower edge of the zone", unit="?u", opposite="high")
+    high: float = parameter(default=0.05, about="upper edge of the zone", unit="?u", opposite="low")
     u = Input("any signal", unit="?u")
     y = Output("the part of the signal beyond the zone", unit="?u")
 
@@ -140,8 +140,8 @@ class RateLimit(Block):
     source = "definition"
     symbol = "rate limit"
 
-    rising: float = parameter(default=3.0, about="fastest rise", unit="?u/s", above=0.0)
-    falling: float = parameter(default=-3.0, about="fastest fall, negative", unit="?u/s", below=0.0)
+    rising: float = parameter(default=3.0, about="fastest rise", unit="?u/s", above=0.0, opposite="falling")
+    falling: float = parameter(default=-3.0, about="fastest fall, negative", unit="?u/s", below=0.0, opposite="rising")
     start: str = option(default="input", about="where the output begins", choices=("input", "last"))
     u = Input("wanted value", unit="?u")
     y = Output("value within the rate limits", unit="?u")
@@ -181,8 +181,10 @@ class SoftRateLimit(Block):
     source = "definition; the soft limit is that of SoftSaturation"
     symbol = "soft rate"
 
-    rising: float = parameter(default=3.0, about="fastest rise r", unit="?u/s", above=0.0)
-    falling: float = parameter(default=-3.0, about="fastest fall f, negative", unit="?u/s", below=0.0)
+    rising: float = parameter(default=3.0, about="fastest rise r", unit="?u/s", above=0.0, opposite="falling")
+    falling: float = parameter(
+        default=-3.0, about="fastest fall f, negative", unit="?u/s", below=0.0, opposite="rising"
+    )
     softness: float = parameter(default=0.3, about="distance s from a limit where it begins", unit="?u/s", above=0.0)
     lag: float = parameter(default=0.03, about="time constant T with which it catches up", unit="s", above=0.0)
 

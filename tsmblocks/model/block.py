@@ -404,9 +404,23 @@ def _by_name_only(init: Callable[..., None], cls: type[Block]) -> Callable[..., 
         for name in values:
             if name not in cls._fields:
                 raise ParameterError(f"{cls.__name__} has no parameter '{name}'.{near(name, cls._fields)}")
-        init(self, **values)
+        init(self, **values, **_opposites(cls, values))
 
     return by_name
+
+
+def _opposites(cls: type[Block], given: Mapping[str, Any]) -> dict[str, float]:
+    """Values of parameters of which only the opposite is given. Raises ParameterError where that is no number."""
+    made = {}
+    for name, field in cls._fields.items():
+        if field.opposite in given and name not in given:
+            other = plain(given[field.opposite])
+            if is_reference(other):
+                fault = f"{cls.__name__}.{name} must be given where {field.opposite} refers to values ({other})"
+                raise ParameterError(f"{fault}. It is: {field.about}.")
+            if isinstance(other, float) and cls._fields[field.opposite].allows(other):  # else that is refused
+                made[name] = 0.0 - other
+    return made
 
 
 class Unchanging(AttributeError):

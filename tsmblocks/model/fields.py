@@ -162,6 +162,7 @@ class Field:
     initial: bool = False
     flat: bool = False
     omitted: Any = None
+    opposite: str = ""
 
     @property
     def low(self) -> float:
@@ -210,6 +211,7 @@ def parameter(
     known: bool = False,
     initial: bool = False,
     omitted: float | None = None,
+    opposite: str = "",
 ) -> Any:
     """Declare a parameter: a number or a tuple that stays a symbol until the run, to be swept, fitted, differentiated.
 
@@ -234,6 +236,8 @@ def parameter(
         but of a recording.
     omitted : float, optional
         Value that a file means which does not give it, where the default was another when such files were written.
+    opposite : str, default ""
+        Another parameter; where that one alone is given, this one is the same number with the sign turned.
 
     Returns
     -------
@@ -247,7 +251,7 @@ def parameter(
         gain: float = tsm.parameter(default=2.0, about="gain", unit="N*m/rad", above=0.0)
     """
     spec = Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known, initial=initial)
-    return _field(default, attrs.evolve(spec, omitted=omitted))
+    return _field(default, attrs.evolve(spec, omitted=omitted, opposite=opposite))
 
 
 def option(
