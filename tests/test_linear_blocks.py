@@ -92,7 +92,14 @@ def test_no_linear_block_is_left_out():
     arithmetic = {"Sum", "Convert", "Bias", "ViscousFriction", "SensorNoise", "Drift", "Jump", "Disturbance"}
     # held against closed forms in test_engine, test_lateness and test_transmission
     elsewhere = {"Delay", "DeadTime", "ParallelResonance"}
-    steps = {"Sign", "Quantiser", "Encoder", "Comparison", "Logic"}  # flat between jumps, so without slopes; not linear
+    steps = {
+        "Sign",
+        "Quantiser",
+        "Encoder",
+        "Comparison",
+        "Logic",
+        "Enable",
+    }  # flat between jumps, so without slopes; not linear
     limited = {"Integrator"}  # linear between its limits, which are infinite here
     assert (
         linear - arithmetic - elsewhere - steps == ({k.partition(" ")[0] for k in CONTINUOUS} | set(SAMPLED)) - limited
