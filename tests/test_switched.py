@@ -101,6 +101,14 @@ def test_located_switches_are_exact(restart, while_off, backend):
     assert switched == pytest.approx([0.064094, 0.935906, 2.064094, 2.935906], abs=1e-6)
 
 
+def test_implicit_methods_locate_them_too():
+    expected = reference("reset", "hold", 4.0, 0.01)
+    d = whole(restart="reset")
+    run = tsm.simulate(d, stop=4.0, step=0.01, locate=True, method="sdirk4")
+    found = np.column_stack([run[k] for k in ("lag", "y", "z")])
+    assert found == pytest.approx(expected, abs=1e-7)
+
+
 @pytest.mark.parametrize(("restart", "while_off"), BOTH)
 def test_switches_on_the_grid_are_late_by_a_step_at_most(restart, while_off):
     d, errors = whole(restart=restart, while_off=while_off), []

@@ -67,13 +67,14 @@ class Evaluator:
         for path, shape in flat.structures.items():
             if shape.memory or shape.resets:
                 fresh |= self._updated(path)
-            else:
+            elif flat.switches[path]:
                 self.form(self._switch_nodes(path, "y"))
         held = [key[:2] for key in flat.d if is_held_output(key)]
         self.form(("y", *key) for key in held)
         fresh |= {(*key, "held"): self.value["y", *key] for key in held}
         d = [fresh[key] for key in flat.d]
-        x = [fresh.get(key, getattr(self._states(key[0]), key[1])) for key in flat.x]
+        switched = {path: self._states(path) for path, _ in flat.x if flat.switches[path]}
+        x = [fresh.get(key, getattr(switched[key[0]], key[1]) if key[0] in switched else self.x[key]) for key in flat.x]
         return d, x
 
     def _updated(self, path: str) -> dict[tuple[str, ...], Any]:
@@ -191,6 +192,8 @@ class Evaluator:
     def _switch_nodes(self, path: str, kind: str) -> list[Node]:
         """Nodes that say when what switches a block acts, as far as its outputs (or derivatives) need them."""
         flat, around = self.flat, self.flat.switches[path]
+        if not around:
+            return []
         on = [one.on for one in around if kind == "dx" or (not self.held and path in flat.group)]
         return on + [one.begins for one in around if one.resets and not self.held and flat.blocks[path].states]
 
