@@ -287,6 +287,9 @@ FIGURES = {
     "11_paper_feedback": ["fig_17.png"],
 }
 """What examples write into the folder they are given."""
+CYCLING = {"06_design_study": 25}
+"""Examples whose loop cycles irregularly from a number of their answers on: a change of a gain by 1e-15 then changes
+the extremes of 10 s by up to a tenth."""
 MEASURED = tuple(path.stem for path in EXAMPLES if "TSMBLOCKS_DATA" in path.read_text(encoding="utf-8"))
 """Examples that need measured data."""
 ONE_SIGNAL = {
@@ -351,7 +354,9 @@ def test_example(path, capsys, monkeypatch, request, tmp_path):
     said = printed(path, capsys, monkeypatch, *([str(folder)] if path.stem in FIGURES else []))
     assert sorted(p.name for p in folder.glob("*")) == FIGURES.get(path.stem, [])
     found = [float(x) for x in re.findall(r"(?<![\w.])\d+\.\d+", said)]
-    assert found == pytest.approx(ANSWERS[path.stem], abs=0.06)
+    steady = CYCLING.get(path.stem, len(ANSWERS[path.stem]))
+    assert found[:steady] == pytest.approx(ANSWERS[path.stem][:steady], abs=0.06)
+    assert found[steady:] == pytest.approx(ANSWERS[path.stem][steady:], rel=0.15)
 
 
 def test_every_example_has_its_answer():
