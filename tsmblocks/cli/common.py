@@ -179,6 +179,9 @@ SHARED: dict[str, dict[str, Any]] = {
     "--refuse-loops": dict(
         action="store_const", const="refuse", default="solve", dest="loops", help="an algebraic loop is an error"
     ),
+    "--no-step-check": dict(
+        action="store_false", dest="check_step", help="no look at whether shorter steps give the same result"
+    ),
     "--json": dict(
         action="store_true", help="print one JSON object and nothing else; a number that is not finite is null"
     ),

@@ -19,6 +19,8 @@ from tsmblocks.common.tables import columns
 
 DEFAULT_STEP = 1e-3
 """Step [s] where neither the command nor the diagram's file gives one, as for ``simulate``."""
+OPTIONS = ("stop", "stop_when", "step", "method", "every", "backend", "loops", "locate", "check_step")
+"""Options of the command that ``simulate`` takes by the same names."""
 HELP = "run a diagram, print its tracking error or a table of outputs"
 
 
@@ -43,7 +45,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--every", type=common.integer_from(1), metavar="N", default=1, help=every)
     backend = "llvm or casadi (default: llvm where it is installed)"
     add("--backend", metavar="B", default="", help=backend, suggests=common.BACKENDS)
-    add("--refuse-loops")
+    add("--refuse-loops", "--no-step-check")
 
 
 def execute(args: argparse.Namespace) -> int:
@@ -89,7 +91,7 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
                 inputs=inputs,
                 log="outputs" if diagram.outputs else "all",
                 progress=progress,
-                **common.passed(args, "stop", "stop_when", "step", "method", "every", "backend", "loops", "locate"),
+                **common.passed(args, *OPTIONS),
             )
     except RunError as error:
         if out and error.run is not None and len(error.run.t):

@@ -145,7 +145,9 @@ class Session:
     """A run in progress. ``advance`` takes steps and returns the logged rows; ``memory`` is the state.
 
     ``events`` is used by sessions that locate switching instants only. ``cut`` is an
-    instant that lies within a step of the grid, where a sample counts once it has come, not a little before.
+    instant that lies within a step of the grid, where a sample counts once it has come, not a little before. ``marks``
+    are the step counter and the memory at each ``mark_every``-th step of a call of ``run``, the first after its start;
+    none with ``mark_every`` 0.
     """
 
     eq: Equations
@@ -159,6 +161,8 @@ class Session:
     hits: tuple[int, ...] = ()
     events: list[Any] = attrs.field(factory=list)
     cut: int | None = None
+    mark_every: int = 0
+    marks: list[tuple[int, Memory]] = attrs.field(factory=list)
 
     def rows_in(self, n: int, final: bool) -> int:
         """Number of logged instants within the next n steps."""
@@ -193,6 +197,8 @@ class Session:
             while True:
                 began = clock.perf_counter()
                 n = min(piece, steps - self.k)
+                if self.mark_every:
+                    n = min(n, self.mark_every - (self.k - first) % self.mark_every)
                 final = self.k + n == steps
                 y = rows[count : count + self.rows_in(n, final)]
                 self._logged_steps(n, final, y)
@@ -204,6 +210,8 @@ class Session:
                 if final:
                     return rows, None
                 safe = (count, self.k, self.memory.copy())
+                if self.mark_every and (self.k - first) % self.mark_every == 0:
+                    self.marks.append(safe[1:])
                 if progress is not None:
                     progress((self.k - first) / (steps - first))
                 took = max(clock.perf_counter() - began, 1e-6)

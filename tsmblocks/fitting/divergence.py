@@ -26,6 +26,7 @@ def raise_cause(diagram: Diagram, experiment: Experiment, p: np.ndarray) -> NoRe
             inputs=inputs(experiment.record, diagram, experiment.hold, times.grid[-1]),
             log="outputs",
             backend=experiment.backend,
+            check_step=False,
         )
     except NotFinite as error:
         fault = NotFinite(f"{title}: {error}")

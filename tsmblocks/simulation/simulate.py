@@ -21,6 +21,7 @@ from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
 from tsmblocks.simulation.singular_loops import with_determinants, without_determinants
 from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
+from tsmblocks.simulation.step_check import prepared, taken
 from tsmblocks.simulation.stop_condition import Ended, condition_of, run_until, stop_condition, watched
 
 
@@ -42,6 +43,7 @@ def simulate(
     stop_when: str | None = None,
     backend: str = "",
     loops: str = SOLVE,
+    check_step: bool = True,
 ) -> Run:
     """Run a diagram at a fixed step and return its signals.
 
@@ -90,6 +92,10 @@ def simulate(
         Machine code or CasADi's evaluator; by default machine code where llvmlite is installed.
     loops : {"solve", "refuse"}
         Solve algebraic loops (``run.loops`` says where, and in how many iterations), or raise AlgebraicLoop for one.
+    check_step : bool, default True
+        Take the run, or of a long one a sample, again in other steps, and warn where outputs of the diagram differ by
+        more than 0.05 % of their largest values, or other states by more than 0.5 %. A run that is repeated unchanged
+        is checked once.
 
     Returns
     -------
@@ -114,7 +120,8 @@ def simulate(
     Warns
     -----
     StepWarning
-        Where the step is too long for the fastest pole of the diagram.
+        Where the step is too long: for the fastest pole of the diagram, or for the run as it went. The warning says
+        which signal is wrong, when and by how much, and a step that would do.
     LoopWarning
         Where the gain of a linear algebraic loop passes 1 between two steps, with no jump: its signals pass through
         infinity there.
@@ -147,15 +154,19 @@ def simulate(
         origin, k = times.start, 0
     signals, hits = options.signals(eq), steps_per_period(eq, h)
     session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
-    warn_of_fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
+    warned = warn_of_fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
     if locate:
         session = locating(session, backend)
+    whole = locate or condition is not None
+    check = prepared(session, times.steps, chosen, whole) if check_step and not warned else None
     if condition is None:
         rows, stopped = session.run(times.steps, progress)
         ended = Ended(rows, session, stopped)
     else:
         ended = run_until(session, times.steps, watched(eq, condition, chosen), progress)
     stopped, run = ended.stopped, _result(ended, names, p, k, origin, h, text)
+    if check is not None and stopped is None:
+        check.warn(taken(check, ended, k, origin, h, chosen, backend), 3)
     if stopped is None or stopped.interrupted:
         return run
     last = Session(eq, kernel, stopped.memory, signals, origin, h, 1, stopped.k, hits)

@@ -48,17 +48,17 @@ class RunStart:
     label: str = ""
 
 
-def warn_of_fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> None:
-    """Warn when a mode that decays would grow under this method at this step of ``h`` [s].
+def warn_of_fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> bool:
+    """Warn when a mode that decays would grow under this method at this step of ``h`` [s]; whether it was.
 
     One warning reports the worst of several runs, at the line that called the caller.
     """
     if _SILENT.get():
-        return
+        return False
     checked = [(fastest_growing_pole(one, rule, h), one) for one in runs]
     growing = [(*found, one) for found, one in checked if found is not None]
     if not growing:
-        return
+        return False
     pole, state, worst = max(growing, key=lambda one: abs(one[0]))
     affected = f"Of {len(checked)} sets of parameters that were checked this concerns {len(growing)}, most of all"
     which = f" {affected if len(checked) > 1 else 'This is with'} {worst.label}." if worst.label else ""
@@ -69,6 +69,12 @@ def warn_of_fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> None
         StepWarning,
         stacklevel=3,
     )
+    return True
+
+
+def step_warnings_are_off() -> bool:
+    """Whether warnings of the step are off in this context."""
+    return _SILENT.get()
 
 
 @contextmanager
