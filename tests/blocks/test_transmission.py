@@ -13,6 +13,7 @@ from tsmblocks.blocks import (
     AsymmetricBoucWen,
     Bend,
     Bow,
+    BroadCreep,
     Creep,
     DahlHysteresis,
     DeadTime,
@@ -50,6 +51,7 @@ NULL = {
     "LoopChange": LoopChange(distance=0.2, time=0.7),
     "Disturbance": Disturbance(frequency=3.3),
     "Creep": Creep(time_constant=0.3),
+    "BroadCreep": BroadCreep(fastest=0.2, slowest=3.0),
     "RateDependence": RateDependence(exponent=0.7, smoothing=0.02),
     "NonlocalMemory": NonlocalMemory(),
     "LoopAsymmetry": LoopAsymmetry(theta=4.0, speed=0.5),
@@ -82,6 +84,7 @@ ACTIVE = {
     ),
     "Disturbance": (Disturbance(cosine=0.02, sine=0.03, frequency=3.3), ("cosine", "sine", "frequency")),
     "Creep": (Creep(share=0.2, time_constant=0.3), ("share", "time_constant", "late")),
+    "BroadCreep": (BroadCreep(share=0.2, fastest=0.1, slowest=2.0), ("share", "fastest", "slowest", "late2")),
     "RateDependence": (
         RateDependence(coefficient=-0.05, exponent=0.7, smoothing=0.3),
         ("coefficient", "exponent", "smoothing"),
@@ -210,7 +213,8 @@ def test_derivatives_by_the_strengths_at_zero(name):
     strengths = {"Slack": ["share"], "Bend": ["quadratic", "cubic", "quartic", "quintic"], "Bow": ["size"],
                  "Ripple": ["cosine", "sine"], "Drift": ["rate"],
                  "Jump": ["size"], "GainChange": ["change"], "GainDrift": ["rate"], "LoopChange": ["change", "gain"],
-                 "Creep": ["share"], "Disturbance": ["cosine", "sine"], "RateDependence": ["coefficient"],
+                 "Creep": ["share"], "BroadCreep": ["share"], "Disturbance": ["cosine", "sine"],
+                 "RateDependence": ["coefficient"],
                  "Resonance": ["share"], "ParallelResonance": ["gain", "rate_gain"],
                  "NonlocalMemory": ["weights[0]"], "LoopAsymmetry": ["slope_difference", "delta"],
                  "PositionDependentLoop": ["gain"], "Stretch": ["half_width"],
@@ -318,6 +322,15 @@ def test_what_comes_with_time(block, expected):
 def test_creep_after_a_step():
     run = simulate(Creep(share=0.2, time_constant=0.5), {"u": lambda _: 3.0}, stop=2.0, step=0.01)
     assert run["y"] == pytest.approx(3 + 0.6 * (1 - np.exp(-run["t"] / 0.5)), abs=1e-9)
+
+
+def test_broad_creep_after_a_step_grows_with_the_logarithm_of_time():
+    block = BroadCreep(share=0.4, fastest=0.1, slowest=100.0)
+    run = simulate(block, {"u": lambda _: 1.0}, stop=60.0, step=0.01)
+    lags = [1 - np.exp(-run["t"] / time) for time in (0.1, 1.0, 10.0, 100.0)]
+    assert run["y"] == pytest.approx(1 + 0.1 * np.sum(lags, axis=0), abs=1e-7)
+    decades = np.interp([0.3, 3.0, 30.0], run["t"], run["y"])
+    assert np.diff(decades) == pytest.approx(0.1, rel=0.1)
 
 
 @pytest.mark.parametrize(

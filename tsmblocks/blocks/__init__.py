@@ -96,6 +96,7 @@ from tsmblocks.blocks.tables import LookupTable as LookupTable
 from tsmblocks.blocks.tables import LookupTable2D as LookupTable2D
 from tsmblocks.blocks.transmission import Bend as Bend
 from tsmblocks.blocks.transmission import Bow as Bow
+from tsmblocks.blocks.transmission import BroadCreep as BroadCreep
 from tsmblocks.blocks.transmission import Creep as Creep
 from tsmblocks.blocks.transmission import Disturbance as Disturbance
 from tsmblocks.blocks.transmission import Drift as Drift

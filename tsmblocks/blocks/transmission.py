@@ -243,6 +243,38 @@ class Creep(Block):
 
 
 @block
+class BroadCreep(Block):
+    r"""A share of the signal that follows over decades of time: creep of polymers and piezo actuators.
+
+    .. math:: y = u + \frac{s}{4} \sum_{k=1}^{4} z_k, \qquad T_k \dot z_k = u - z_k, \qquad
+        T_k = T_1 \left(\frac{T_4}{T_1}\right)^{(k-1)/3}
+
+    After a step it grows about as the logarithm of time, from the fastest time constant to the slowest.
+    """
+
+    source = "Findley, Lai and Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials (1976), chapter 5"
+    symbol = "log creep"
+
+    share: float = parameter(default=0.0, about="what comes late, as a share of what came at once")
+    fastest: float = parameter(default=1.0, about="shortest time constant T1", unit="s", above=0.0)
+    slowest: float = parameter(default=100.0, about="longest time constant T4", unit="s", above=0.0)
+    u = Input("any signal", unit="?u")
+    y = Output("the signal and what creeps after it", unit="?u")
+    late1: float = state(default=0.0, about="the signal, lagging by T1", unit="?u")
+    late2: float = state(default=0.0, about="the signal, lagging by T2", unit="?u")
+    late3: float = state(default=0.0, about="the signal, lagging by T3", unit="?u")
+    late4: float = state(default=0.0, about="the signal, lagging by T4", unit="?u")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        spread = self.slowest / self.fastest
+        times = [self.fastest * spread ** (k / 3) for k in range(4)]
+        return {name: (u.u - late) / time for name, late, time in zip(x._fields, x, times, strict=True)}
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.share / 4 * (x.late1 + x.late2 + x.late3 + x.late4))
+
+
+@block
 class RateDependence(Block):
     r"""A term in the rate of the signal, linear or a power of it: viscous loss.
 

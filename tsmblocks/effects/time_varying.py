@@ -49,6 +49,14 @@ def _creep_trials(scales: Scales) -> Trials | None:
     return Trials({"share": 0.05}, tuple({"time_constant": time} for time in times), bounds=bounds) if times else None
 
 
+def _broad_creep_trials(scales: Scales) -> Trials | None:
+    least, longest = 20 * scales.step, scales.shortest
+    shapes = tuple({"fastest": longest / spread, "slowest": longest} for spread in (1000.0, 100.0, 20.0, 6.0))
+    bounds = {"fastest": (least, longest / 5), "slowest": (longest / 5, 10 * longest), "share": (-0.9, 0.9)}
+    slow = tuple(shape for shape in shapes if shape["fastest"] > least)
+    return Trials({"share": 0.05}, slow, bounds=bounds) if slow else None
+
+
 def _periodic_trials(scales: Scales) -> Trials | None:
     if not scales.lines:
         return None
@@ -148,6 +156,21 @@ LOOP_CHANGE = attrs.evolve(
     variant="loop",
 )
 LOOP_CHANGE_OF_INPUT = across(LOOP_CHANGE, "loop", "loop of the input")
+CREEP = Effect(
+    "creep",
+    "time",
+    "creep",
+    "output",
+    blocks.Creep(),
+    {"share": 0.0},
+    ("share", "time_constant"),
+    _creep_trials,
+    excites="rests after motion, or an offset",
+    confused=("rate_dependence", "drift", "nonlocal_memory"),
+    separates="a staircase with rests of 30 s",
+    settled=("late",),
+    within=("time_constant",),
+)
 DISTURBANCE = Effect(
     "periodic_disturbance",
     "time",
@@ -192,20 +215,16 @@ EFFECTS = (
     _own(LOOP_CHANGE),
     LOOP_CHANGE_OF_INPUT,
     _own(LOOP_CHANGE_OF_INPUT),
-    Effect(
-        "creep",
-        "time",
-        "creep",
-        "output",
-        blocks.Creep(),
-        {"share": 0.0},
-        ("share", "time_constant"),
-        _creep_trials,
-        excites="rests after motion, or an offset",
-        confused=("rate_dependence", "drift", "nonlocal_memory"),
-        separates="a staircase with rests of 30 s",
-        settled=("late",),
-        within=("time_constant",),
+    CREEP,
+    attrs.evolve(
+        CREEP,
+        words="creep over decades of time",
+        block=blocks.BroadCreep(),
+        free=("share", "fastest", "slowest"),
+        trials=_broad_creep_trials,
+        variant="broad",
+        settled=("late1", "late2", "late3", "late4"),
+        within=(),
     ),
     DISTURBANCE,
     _own(DISTURBANCE),
