@@ -105,7 +105,7 @@ class WireSignals:
 def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
     """The signals at the insertion points of a model, simulated once more."""
     names = dict.fromkeys(k for point in points for k in (point.signal, point.other) if k)
-    runs = model.signals(_inner_signal(model.diagram, k) for k in names)
+    runs = model.signals(inner_signal(model.diagram, k) for k in names)
     signals = {k: [y[:, i] for y in runs] for i, k in enumerate(names)}
     times = [experiment.t for experiment in model.setup.experiments]
     steps = [experiment.record.step for experiment in model.setup.experiments]
@@ -121,13 +121,13 @@ def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
     return WireSignals(signals, steps, session)
 
 
-def _inner_signal(diagram: Diagram, signal: str) -> str:
+def inner_signal(diagram: Diagram, signal: str) -> str:
     """The name of a signal in the equations: that of the inner block, where a diagram is used as a block."""
     head, _, port = signal.partition(".")
     block = diagram.blocks.get(head)
     if not isinstance(block, Diagram):
         return signal
-    return f"{head}.{_inner_signal(block, '.'.join(filter(None, block.shown[port])))}"
+    return f"{head}.{inner_signal(block, '.'.join(filter(None, block.shown[port])))}"
 
 
 def spectral_lines(model: Model) -> tuple[float, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.candidates import Candidate, inner_signal
 from tsmblocks.diagnosis.model import Model
 
 MIN_CHANGE_OF_INPUT = 2.0
@@ -23,6 +23,7 @@ def filters_noise(model: Model, candidate: Candidate, input_noise: Mapping[str, 
     noise = input_noise.get(candidate.point.signal, 0.0)
     if candidate.point.place != "input" or candidate.effect.family != "loop" or not noise:
         return False
-    signals = np.concatenate(model.signals([candidate.point.signal, f"{candidate.block}.y"]))
+    behind = inner_signal(model.diagram, f"{candidate.block}.y")
+    signals = np.concatenate(model.signals([candidate.point.signal, behind]))
     change = signals[:, 1] - signals[:, 0]
     return bool(np.sqrt(np.mean(change**2)) < MIN_CHANGE_OF_INPUT * noise)

@@ -155,22 +155,40 @@ def across(effect: Effect, name: str, variant: str) -> Effect:
         inputs={"u": "both.plus1", "x": [f"{name}.u", "added.minus"]},
         outputs={"y": "both"},
     )
+    return _inside(effect, name, block, "across", variant, lambda scales: effect.trials(scales.of_other))
 
-    def trials(scales: Scales) -> Trials | None:
-        own = effect.trials(scales.of_other)
+
+def on_input(effect: Effect, name: str) -> Effect:
+    """The variant in front of the model of an effect that reads two signals: both are the input."""
+    block = Diagram(
+        title=f"{name} in front",
+        blocks={name: effect.block},
+        inputs={"u": [f"{name}.u", f"{name}.x"]},
+        outputs={"y": name},
+    )
+    return in_front(_inside(effect, name, block, "input", "input", effect.trials))
+
+
+def _inside(
+    effect: Effect, name: str, block: Diagram, place: str, variant: str, trials: Callable[[Scales], Trials | None]
+) -> Effect:
+    """An effect whose block is a part, under ``name``, of the diagram ``block``; ``trials`` are those of that part."""
+
+    def under(scales: Scales) -> Trials | None:
+        own = trials(scales)
         return None if own is None else own.under(name)
 
-    null = {f"{name}.{k}": value for k, value in effect.null.items()}
-    kept = (effect.free, effect.within, effect.below, effect.local)
-    free, within, below, local = (tuple(f"{name}.{k}" for k in names) for names in kept)
+    kept = (effect.free, effect.settled, effect.within, effect.below, effect.local)
+    free, settled, within, below, local = (tuple(f"{name}.{k}" for k in names) for names in kept)
     return attrs.evolve(
         effect,
-        place="across",
+        place=place,
         block=block,
-        null=null,
+        null={f"{name}.{k}": value for k, value in effect.null.items()},
         free=free,
-        trials=trials,
+        trials=under,
         variant=variant,
+        settled=settled,
         within=within,
         below=below,
         local=local,

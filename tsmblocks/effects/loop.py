@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch, StribeckStretch
-from tsmblocks.effects.effect import Effect, across, in_front
+from tsmblocks.effects.effect import Effect, across, in_front, on_input
 from tsmblocks.effects.trials import Scales, Trials
 
 PLAY_WIDTHS = (0.04, 0.15, 0.45)
@@ -91,6 +91,34 @@ MEMORY = Effect(
     variant="output",
     contains=("backlash",),
 )
+ASYMMETRY = Effect(
+    "asymmetric_hysteresis",
+    "loop",
+    "hysteresis that differs between loading and unloading",
+    "across",
+    LoopAsymmetry(),
+    {"slope_difference": 0.0, "delta": 0.0},
+    ("slope_difference", "delta", "theta", "speed"),
+    _asymmetry_trials,
+    excites="full loops to both ends",
+    confused=("even_nonlinearity", "position_dependent_friction"),
+    separates="full loops to both ends and small loops at several positions",
+    within=("speed",),
+)
+POSITION_DEPENDENCE = Effect(
+    "position_dependent_friction",
+    "loop",
+    "a loop whose width grows with the position",
+    "across",
+    PositionDependentLoop(),
+    {"gain": 0.0},
+    ("gain", "distance"),
+    _position_dependence_trials,
+    excites="small reversals at several positions",
+    confused=("asymmetric_hysteresis", "even_nonlinearity"),
+    separates="a staircase with small reversals at several positions",
+    within=("distance",),
+)
 EFFECTS = (
     BACKLASH,
     in_front(BACKLASH, "a backlash gap in front of the model"),
@@ -124,34 +152,10 @@ EFFECTS = (
         within=("distance", "speed"),
         contains=("hysteresis",),
     ),
-    Effect(
-        "asymmetric_hysteresis",
-        "loop",
-        "hysteresis that differs between loading and unloading",
-        "across",
-        LoopAsymmetry(),
-        {"slope_difference": 0.0, "delta": 0.0},
-        ("slope_difference", "delta", "theta", "speed"),
-        _asymmetry_trials,
-        excites="full loops to both ends",
-        confused=("even_nonlinearity", "position_dependent_friction"),
-        separates="full loops to both ends and small loops at several positions",
-        within=("speed",),
-    ),
+    ASYMMETRY,
+    on_input(ASYMMETRY, "loop"),
     MEMORY,
     across(MEMORY, "memory", "across"),
-    Effect(
-        "position_dependent_friction",
-        "loop",
-        "a loop whose width grows with the position",
-        "across",
-        PositionDependentLoop(),
-        {"gain": 0.0},
-        ("gain", "distance"),
-        _position_dependence_trials,
-        excites="small reversals at several positions",
-        confused=("asymmetric_hysteresis", "even_nonlinearity"),
-        separates="a staircase with small reversals at several positions",
-        within=("distance",),
-    ),
+    POSITION_DEPENDENCE,
+    on_input(POSITION_DEPENDENCE, "loop"),
 )
