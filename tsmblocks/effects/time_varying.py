@@ -224,7 +224,7 @@ EFFECTS = (
         trials=_broad_creep_trials,
         variant="broad",
         settled=("late1", "late2", "late3", "late4"),
-        within=(),
+        within=("fastest",),
     ),
     DISTURBANCE,
     _own(DISTURBANCE),
