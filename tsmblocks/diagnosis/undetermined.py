@@ -19,6 +19,7 @@ from tsmblocks.diagnosis.forward_selection import (
     search_round,
 )
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.effects import Effect, Relative
 
 MAX_TURNS = 2
 """Times that the search goes on without an effect that was left out. Chosen: for the run time."""
@@ -31,7 +32,7 @@ def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -
     """Rounds in which every accepted effect is determined beside all the others.
 
     One that is not is left out, or the one that was named last and made it so, whichever leaves less. The search then
-    goes on without its name: the next best candidate has its turn.
+    goes on without its name: the next best candidate has its turn, which may be a simpler variant of the same effect.
     """
     rounds, redundant = list(rounds), redundant_parameters(rounds[0].base)
     for more in reversed(range(MAX_EFFECTS)):
@@ -42,14 +43,19 @@ def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -
         outs = [open_ones[-1]] if named[-1] is open_ones[-1] else [open_ones[-1], named[-1]]
         left = [rounds_for(rounds[0].base, [one for one in named if one is not out], search) for out in outs]
         best = int(np.argmin([_loss(one, search) for one in left]))
-        gone, (rounds, model, shrinkage) = outs[best].candidate.effect.name, left[best]
-        search = attrs.evolve(search, effects=[one for one in search.effects if one.name != gone])
+        gone, (rounds, model, shrinkage) = outs[best].candidate.effect, left[best]
+        search = attrs.evolve(search, effects=[one for one in search.effects if _may_follow(one, gone)])
         if more >= MAX_EFFECTS - MAX_TURNS:
             forward_search(model, shrinkage, search, rounds)
         else:
             last = search_round(model, shrinkage, search)
             rounds.append(attrs.evolve(last, verdict=attrs.evolve(last.verdict, named=None, indistinguishable=())))
     return rounds
+
+
+def _may_follow(one: Effect | Relative, gone: Effect) -> bool:
+    """Whether an effect is still a candidate after one was left out: another, or a variant of fewer parameters."""
+    return one.name != gone.name or (len(one.free), len(getattr(one, "local", ()))) < (len(gone.free), len(gone.local))
 
 
 def _is_determined(one: FittedCandidate, model: Model, redundant: tuple[str, ...]) -> bool:

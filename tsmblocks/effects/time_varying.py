@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import attrs
 
 from tsmblocks import blocks
@@ -50,11 +52,12 @@ def _creep_trials(scales: Scales) -> Trials | None:
 
 
 def _broad_creep_trials(scales: Scales) -> Trials | None:
-    least, longest = 20 * scales.step, scales.shortest
-    shapes = tuple({"fastest": longest / spread, "slowest": longest} for spread in (1000.0, 100.0, 20.0, 6.0))
-    bounds = {"fastest": (least, longest / 5), "slowest": (longest / 5, 10 * longest), "share": (-0.9, 0.9)}
-    slow = tuple(shape for shape in shapes if shape["fastest"] > least)
-    return Trials({"share": 0.05}, slow, bounds=bounds) if slow else None
+    least, most = 10 * scales.step, scales.shortest / 50
+    if least >= most:
+        return None
+    bounds = {"fastest": (least, most), "share": (-0.9, 0.9)}
+    slowest = {"slowest": 2 * scales.shortest}  # what is slower shows as little as an offset
+    return Trials({"share": 0.05}, ({"fastest": math.sqrt(least * most)},), slowest, bounds)
 
 
 def _periodic_trials(scales: Scales) -> Trials | None:
@@ -220,11 +223,11 @@ EFFECTS = (
         CREEP,
         words="creep over decades of time",
         block=blocks.BroadCreep(),
-        free=("share", "fastest", "slowest"),
+        free=("share", "fastest"),
         trials=_broad_creep_trials,
         variant="broad",
         settled=("late1", "late2", "late3", "late4"),
-        within=("fastest",),
+        within=(),
     ),
     DISTURBANCE,
     _own(DISTURBANCE),
