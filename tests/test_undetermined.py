@@ -1,5 +1,7 @@
 """Effects that are not determined beside the others, and effects behind parameters that make up for one another."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,18 @@ def test_the_next_best_candidate_takes_the_place_of_one_that_is_open(left_out):
 def test_the_last_one_goes_where_it_made_a_better_one_open(left_out):
     """A explains nearly all; B beside it imitates it, so that the size of A is open, but alone leaves far more."""
     assert left_out({"": 20, "A": 3.0, "B": 15.0, "AB": 1.0}, {"AB": "A"}) == "A"
+
+
+def test_a_simpler_variant_of_an_effect_that_was_left_out_has_its_turn():
+    wide, narrow, own = (
+        SimpleNamespace(name="creep", free=free, local=local)
+        for free, local in ((("share", "time"), ()), (("share",), ()), (("share",), ("share",)))
+    )
+    assert undetermined._may_follow(narrow, wide)
+    assert undetermined._may_follow(narrow, own)
+    assert not undetermined._may_follow(wide, wide)
+    assert not undetermined._may_follow(wide, narrow)
+    assert undetermined._may_follow(SimpleNamespace(name="lag", free=("time",), local=()), narrow)
 
 
 def test_what_is_determined_stays(left_out):
