@@ -126,7 +126,8 @@ def test_equations_written_out_are_those_of_the_block(name):
         "Convert": {"y": r"\frac{180}{\pi}\,u"},
         "UnitDelay": {"y": r"\text{last}", r"\text{last}^{+}": "u"},
         "PID": {
-            "y": r"k_{p}\,e + k_{i}\,\text{integral} + k_{d}\,\frac{e - \text{smooth}}{\tau}",
+            "y": r"\left(k_{p} + \frac{k_{d}}{\tau}\right)\,e + k_{i}\,\text{integral}"
+            r" - \frac{k_{d}}{\tau}\,\text{smooth}",
             r"\dot{\text{integral}}": "e",
             r"\dot{\text{smooth}}": r"\frac{e - \text{smooth}}{\tau}",
         },
