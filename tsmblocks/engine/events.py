@@ -34,14 +34,23 @@ class SlidingWarning(UserWarning):
     """A switch changes again and again at one instant (a sliding mode, or resets without end): it is not located."""
 
 
+class TooManySwitches(Exception):
+    """A run of bounded cost has located as many switches as it may."""
+
+
 @attrs.define(eq=False)
 class Located(Session):
-    """A run in progress whose switching instants are located; ``events`` are those so far."""
+    """A run in progress whose switching instants are located; ``events`` are those so far.
+
+    ``turns`` counts the steps in which a switch was looked for; from ``most_turns`` on the run raises TooManySwitches.
+    """
 
     frozen: Frozen | None = None
     modes: np.ndarray | None = None
     warned: bool = False
     last: tuple[int, Memory, int] | None = None
+    turns: int = 0
+    most_turns: int | None = None
 
     def advance(self, n: int, final: bool, y: np.ndarray) -> None:
         """Take n steps, writing the rows logged. All of it or, when interrupted, nothing."""
@@ -155,6 +164,9 @@ class _Walk:
     def _passed(self, rows: np.ndarray, m: np.ndarray, count: int) -> tuple[int, Passed | None]:
         """Pass the last of ``count`` steps, or of fewer where that fails; the number of steps, and the end."""
         while count:
+            self.s.turns += 1
+            if self.s.most_turns is not None and self.s.turns > self.s.most_turns:
+                raise TooManySwitches
             row = rows[count - 1]
             here = Point(self.time(self.k + count - 1), row[self.states], row[self.memories], m, row[self.now])
             made = self.crossing.step(here, self.time(self.k + count))

@@ -11,6 +11,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError
+from tsmblocks.engine.events import TooManySwitches
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import Session, single_kernel
 from tsmblocks.engine.switches import freeze
@@ -75,8 +76,11 @@ def advice(run: Taken, found: Examined, tolerance: float) -> Advice:
 
     def does(take: Callable[[float], np.ndarray]) -> bool:
         """Whether another way to run it, which takes steps so many times as short, settles at the run's own step."""
-        states = take(1.0)
-        agrees = np.nan_to_num(np.abs(states - take(2.0)) / found.scale, nan=np.inf).max() <= tolerance
+        try:
+            states = take(1.0)
+            agrees = np.nan_to_num(np.abs(states - take(2.0)) / found.scale, nan=np.inf).max() <= tolerance
+        except TooManySwitches:
+            return False
         return bool(agrees and found.error(states).max() <= allowed)
 
     part = found.part

@@ -16,7 +16,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.engine.equations import Equations
-from tsmblocks.engine.events import Located
+from tsmblocks.engine.events import Located, TooManySwitches
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.session import Session, check_delays
@@ -78,6 +78,8 @@ class StepCheck:
         if self.begin is not None and run is not None:
             try:
                 text = verdict(run)
+            except TooManySwitches:
+                text = ""
             except Interrupted:
                 return
             _VERDICTS[self.key] = text
