@@ -26,7 +26,9 @@ from tsmblocks.blocks import (
 )
 from tsmblocks.cli import main
 from tsmblocks.common.errors import NotFinite
+from tsmblocks.engine.zero_crossing import Crossing
 from tsmblocks.simulation import step_check
+from tsmblocks.simulation.repeated_steps import MOST_TURNS
 from tsmblocks.simulation.stability import StepWarning, no_step_warnings
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
@@ -126,19 +128,37 @@ def test_a_result_beyond_all_measure_is_said():
     assert np.abs(run["friction.z"]).max() < 1.31e-4
 
 
-def test_what_arises_at_switches_is_said_to_be_located():
+def relay_loop(width=0.2):
     blocks = {
         "ref": Sine(amplitude=1.0, frequency=0.3),
         "sum": Sum(signs="+-"),
         "lag": FirstOrderLag(time_constant=0.5),
     }
-    blocks["relay"] = Relay(on=0.2, off=-0.2, high=1.0, low=-1.0)
+    blocks["relay"] = Relay(on=width, off=-width, high=1.0, low=-1.0)
     wires = ["ref -> sum.plus", "sum -> relay -> lag -> sum.minus"]
-    diagram = tsm.Diagram(title="two points", blocks=blocks, wires=wires, outputs={"y": "lag"})
+    return tsm.Diagram(title="two points", blocks=blocks, wires=wires, outputs={"y": "lag"})
+
+
+def test_what_arises_at_switches_is_said_to_be_located():
+    diagram = relay_loop()
     said, _ = warned(diagram, stop=5.0, step=0.01)
     assert len(said) == 1
     assert "or locate=True at this step (the error arises where limits and signs switch" in said[0]
     assert warned(diagram, stop=5.0, step=0.01, locate=True)[0] == []
+
+
+def test_switches_are_located_in_a_few_steps_at_most_to_find_what_would_do(monkeypatch):
+    """A run of 500 switches is warned of; how it would go with located switches is not tried to the end."""
+    count, step = [0], Crossing.step
+
+    def counted(*args):
+        count[0] += 1
+        return step(*args)
+
+    monkeypatch.setattr(Crossing, "step", counted)
+    said, _ = warned(relay_loop(0.01), stop=12.0, step=0.004)
+    assert len(said) == 1
+    assert 0 < count[0] <= 2 * MOST_TURNS
 
 
 def test_a_method_of_low_order_is_said_to_need_another():
