@@ -28,6 +28,10 @@ CONTINUOUS = {
     "PID": (b.PID(kp=1.5, ki=2.0, kd=0.3, tau=0.05), 1.5 + 2 / S + 0.3 * S / (0.05 * S + 1)),
     "MotorTransferFunction": (b.MotorTransferFunction(), 2 / (S * (0.02 * S + 1))),
     "Creep": (b.Creep(share=0.3, time_constant=0.4), 1 + 0.3 / (0.4 * S + 1)),
+    "BroadCreep": (
+        b.BroadCreep(share=0.4, fastest=0.05, slowest=0.4),
+        1 + 0.1 * (1 / (0.05 * S + 1) + 1 / (0.1 * S + 1) + 1 / (0.2 * S + 1) + 1 / (0.4 * S + 1)),
+    ),
     "Resonance": (b.Resonance(share=0.6, omega=7.0, zeta=0.3), 0.4 + 0.6 * 49 / (S**2 + 2 * 0.3 * 7 * S + 49)),
     "Resonance fed through": (
         b.Resonance(share=0.6, omega=7.0, zeta=0.3, feed=0.4),
