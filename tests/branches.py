@@ -22,16 +22,17 @@ WHOLE = (
     "tests/test_report.py::",
 )
 TRACED = coverage.Coverage(branch=True, source=["tsmblocks"], data_suffix=True, messages=False)
+TRACED.start()  # here: hooks of configuration import parts of the package
 SPENT: Counter[str] = Counter()
 """Time for which the cases of each test have been traced [s]."""
 
 
 def pytest_configure(config):
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        TRACED.stop()
         config.pluginmanager.unregister(name=__name__)  # it runs no tests itself
         return
     signal.signal(signal.SIGALRM, lambda *_: TRACED.stop())
-    TRACED.start()
 
 
 def pytest_collection_finish():

@@ -92,6 +92,11 @@ def test_a_planted_change_of_two_per_cent_is_caught_and_described(guarded):
     assert pytest_in(guarded)[0] == 0
 
 
+def test_the_plugin_is_light_since_every_run_of_pytest_imports_it():
+    code = "import sys, tsmblocks.testing.plugin; print({'casadi', 'llvmlite', 'scipy'}.isdisjoint(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "True\n"
+
+
 def test_rounding_is_no_change(guarded):
     kp = tsm.load("fig16_feedforward_feedback").parameters["pid.kp"]
     with_changed(guarded, **{"pid.kp": kp * (1 + 1e-12)})
