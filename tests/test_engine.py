@@ -45,7 +45,7 @@ from tsmblocks.blocks import (
     ZeroOrderHold,
 )
 from tsmblocks.common.errors import NotFinite, RunError
-from tsmblocks.engine import jit, session
+from tsmblocks.engine import code_cache, jit, session
 from tsmblocks.engine.backends import CompiledKernel
 from tsmblocks.engine.kernel import Memory, Steps
 from tsmblocks.engine.methods import METHODS
@@ -774,9 +774,9 @@ def test_machine_code_is_kept_and_a_damaged_file_is_replaced(tmp_path, monkeypat
     text = "define void @run(ptr %t) {\n  ret void\n}\n"
     jit._LOADED.clear()
     jit.compile_text(text, promote=True)
-    (file,) = (tmp_path / "store").iterdir()
+    (file,) = (tmp_path / "store").rglob("*.o")
     good = file.read_bytes()
-    assert (tmp_path / "store").stat().st_mode & 0o077 == 0
+    assert file.parent.stat().st_mode & 0o077 == 0
     for damage in (b"", good[:50], good[:-1] + b"x", b"nonsense"):
         file.write_bytes(damage)
         jit._LOADED.clear()
@@ -844,12 +844,12 @@ def test_machine_code_of_one_process_is_found_by_the_next(tmp_path):
         folder = tmp_path / seed
         more = {"PYTHONHASHSEED": seed, "TSMBLOCKS_CACHE": str(folder)}
         subprocess.run([sys.executable, "-c", code], env=os.environ | more, check=True)
-        stored.append({path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()})
+        stored.append({path.relative_to(folder).as_posix() for path in folder.rglob("*.o")})
     assert len(stored[0]) >= 2
     assert stored[0] == stored[1]
 
 
-def test_killed_and_concurrent_writers_leave_no_bad_file(tmp_path):
+def test_killed_and_concurrent_writers_leave_no_bad_file(tmp_path, monkeypatch):
     store = tmp_path / "store"
     context = multiprocessing.get_context("spawn")
     for _ in range(3):
@@ -860,15 +860,16 @@ def test_killed_and_concurrent_writers_leave_no_bad_file(tmp_path):
         for e in events:
             e.wait(30)
         until = time.monotonic() + 60
-        while not list(store.glob("*.o")) and time.monotonic() < until:
+        while not list(store.rglob("*.o")) and time.monotonic() < until:
             time.sleep(0.02)
         time.sleep(0.3)
         for w in workers:
             w.kill()
             w.join()
-    kept = [f for f in store.iterdir() if f.suffix == ".o"]
+    kept = list(store.rglob("*.o"))
     assert kept
-    assert all(jit._read(f) is not None for f in kept)
+    monkeypatch.setenv("TSMBLOCKS_CACHE", str(store))
+    assert all(code_cache.read_code(f.stem) is not None for f in kept)
 
 
 def test_without_llvmlite_the_other_back_end_serves(monkeypatch):

@@ -13,7 +13,7 @@ import tsmblocks
 from tsmblocks.cli import common, entry, main
 from tsmblocks.common.tables import unique_names
 from tsmblocks.effects import catalogue
-from tsmblocks.engine import jit
+from tsmblocks.engine import code_cache
 from tsmblocks.files.shipped import shipped_names
 from tsmblocks.model.block import REGISTRY
 
@@ -34,7 +34,7 @@ POSIX = {
     "mkfifo",
 }
 """Names that are not there on every system."""
-ASKED_FIRST = {"engine/jit.py": {"getuid"}}
+ASKED_FIRST = {"engine/code_cache.py": {"getuid"}}
 """Where the system is asked before one is used."""
 SCRIPT = """
 import multiprocessing
@@ -181,12 +181,12 @@ def test_a_script_without_a_guard_is_told_what_it_lacks(tmp_path):
 @pytest.mark.parametrize(
     ("platform", "place", "wanted"),
     [
-        ("linux", {"XDG_CACHE_HOME": "/x"}, "/x/tsmblocks"),
-        ("linux", {}, "~/.cache/tsmblocks"),
-        ("darwin", {"XDG_CACHE_HOME": "/x"}, "~/Library/Caches/tsmblocks"),
-        ("win32", {"LOCALAPPDATA": "/l"}, "/l/tsmblocks"),
-        ("win32", {}, "~/AppData/Local/tsmblocks"),
-        ("linux", {"TSMBLOCKS_CACHE": "/own"}, "/own"),
+        ("linux", {"XDG_CACHE_HOME": "/x"}, "/x/tsmblocks/machine-code"),
+        ("linux", {}, "~/.cache/tsmblocks/machine-code"),
+        ("darwin", {"XDG_CACHE_HOME": "/x"}, "~/Library/Caches/tsmblocks/machine-code"),
+        ("win32", {"LOCALAPPDATA": "/l"}, "/l/tsmblocks/machine-code"),
+        ("win32", {}, "~/AppData/Local/tsmblocks/machine-code"),
+        ("linux", {"TSMBLOCKS_CACHE": "/own"}, "/own/machine-code"),
     ],
 )
 def test_machine_code_is_kept_where_the_system_keeps_such_things(platform, place, wanted, monkeypatch):
@@ -195,11 +195,14 @@ def test_machine_code_is_kept_where_the_system_keeps_such_things(platform, place
     for name, value in place.items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(sys, "platform", platform)
-    assert jit.cache_directory() == Path(wanted).expanduser()
+    assert code_cache.cache_directory() == Path(wanted).expanduser()
 
 
-def test_code_that_cannot_be_put_in_its_place_leaves_nothing_behind(tmp_path):
-    (tmp_path / "taken.o").mkdir()
-    (tmp_path / "taken.o" / "x").write_text("", encoding="utf-8")
-    jit._write(tmp_path / "taken.o", b"code")  # as where another process has the file open
-    assert [path.name for path in tmp_path.iterdir()] == ["taken.o"]
+def test_code_that_cannot_be_put_in_its_place_leaves_nothing_behind(tmp_path, monkeypatch):
+    monkeypatch.setenv("TSMBLOCKS_CACHE", str(tmp_path))
+    folder = tmp_path / "machine-code"
+    (folder / "taken.o").mkdir(parents=True, mode=0o700)
+    (folder / "taken.o" / "x").write_text("", encoding="utf-8")
+    (folder / code_cache.MARK).write_bytes(code_cache.MARK_TEXT)
+    code_cache.write_code("taken", b"code")  # as where another process has the file open
+    assert sorted(path.name for path in folder.iterdir()) == [code_cache.MARK, "taken.o"]

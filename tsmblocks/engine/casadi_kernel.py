@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from math import inf, nan
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from tsmblocks.common.fork_locks import RenewedLock
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES
 from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, KernelFrame
@@ -66,7 +66,7 @@ class CasadiKernel(Kernel):
         layouts = (self.layout_x, self.layout_d, self.layout_p, self.layout_y)
         self.places = {name: _places(layout) for name, layout in zip("xdpy", layouts, strict=True)}
         self.places["loops"] = _places(self.layout_loops)
-        self.lock = threading.Lock()  # the arrays are shared between runs
+        self.lock = RenewedLock()  # the arrays are shared between runs
 
     def advance(self, memory: Memory, u: np.ndarray, y: np.ndarray, steps: Steps) -> None:
         with self.lock:

@@ -1,34 +1,39 @@
-"""Machine code from LLVM IR, cached on disk.
-
-The cache is private to the user (loading machine code executes it), files are written atomically, and what is
-unreadable is compiled again.
-"""
+"""Machine code from LLVM IR, cached on disk by ``code_cache``; what cannot be read there is compiled again."""
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
-import itertools
 import os
-import stat
 import sys
-import tempfile
 import threading
-from contextlib import suppress
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
-CACHE_BYTES = 200_000_000
-"""Size of the cache [bytes] above which the oldest files are deleted. Chosen: small beside a disk."""
-_LOCK = threading.Lock()
+from tsmblocks.common.fork_locks import hold_over_forks
+from tsmblocks.engine.code_cache import read_code, write_code
+
+_LOCK = threading.RLock()
 MOST_LOADED = 64
 """Functions that are kept loaded beside those in use, each of which takes 0.8 MB. Chosen: as many as the candidates of
 one round of a diagnosis; what is loaded again from the cache on disk takes some 2 ms."""
 _LOADED: dict[str, tuple[Any, Any]] = {}
-_MAGIC = b"tsmblocks machine code 1\n"
-WRITES_PER_PRUNE = 200
-"""Files that a process writes between two checks of the size of the cache; the first check follows the first file."""
-_WRITES = itertools.count()
+
+
+def _lock_of_library() -> Any:
+    """The lock that llvmlite holds during each of its calls, where it is loaded."""
+    return getattr(getattr(sys.modules.get("llvmlite.binding.ffi"), "lib", None), "_lock", None) or nullcontext()
+
+
+@contextmanager
+def _compiler_at_rest() -> Iterator[None]:
+    """Wait until no thread compiles or calls the compiler, and keep it so."""
+    with _LOCK, _lock_of_library():
+        yield
+
+
+hold_over_forks(_compiler_at_rest)
 
 
 def available() -> bool:
@@ -69,77 +74,6 @@ def _machine(llvm: Any, quick: bool) -> tuple[Any, str]:
     return target.create_target_machine(cpu=cpu, features=features, opt=level, jit=True, codemodel="jitdefault"), name
 
 
-def cache_directory() -> Path | None:
-    """Directory of cached machine code; None when switched off with ``TSMBLOCKS_CACHE=off``.
-
-    ``TSMBLOCKS_CACHE`` may name another directory.
-    """
-    named = os.environ.get("TSMBLOCKS_CACHE", "")
-    if named == "off":
-        return None
-    if named:
-        return Path(named)
-    if sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    elif sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    return base / "tsmblocks"
-
-
-def _private(directory: Path) -> bool:
-    """Make the directory if needed; whether only this user can write to it."""
-    try:
-        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-        info = directory.stat()
-    except OSError:
-        return False
-    if sys.platform == "win32":  # a user's own folder is protected there
-        return True
-    return info.st_uid == os.getuid() and not stat.S_IMODE(info.st_mode) & 0o022
-
-
-def _read(path: Path) -> bytes | None:
-    """The machine code in a file, or None when it is missing, owned by another user or damaged."""
-    try:
-        if sys.platform != "win32" and path.stat().st_uid != os.getuid():
-            return None
-        data = path.read_bytes()
-    except OSError:
-        return None
-    head, digest, body = data[: len(_MAGIC)], data[len(_MAGIC) : len(_MAGIC) + 32], data[len(_MAGIC) + 32 :]
-    return body if head == _MAGIC and hashlib.sha256(body).digest() == digest else None
-
-
-def _write(path: Path, body: bytes) -> None:
-    """Write a file atomically, then check the size of the cache now and then."""
-    name = ""
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-")
-        with os.fdopen(handle, "wb") as file:
-            file.write(_MAGIC + hashlib.sha256(body).digest() + body)
-        Path(name).replace(path)
-        if next(_WRITES) % WRITES_PER_PRUNE == 0:  # listing thousands of files takes longer than writing one
-            _prune(path.parent)
-    except OSError:  # without a cache (disk full, read-only, file in use) the code is compiled each time
-        if name:
-            with suppress(OSError):
-                Path(name).unlink(missing_ok=True)
-
-
-def _prune(directory: Path) -> None:
-    """Delete the oldest files above the limit."""
-    with os.scandir(directory) as found:
-        files = [(f.stat().st_mtime, f.stat().st_size, Path(f.path)) for f in found if f.is_file()]
-    total = sum(size for _, size, _ in files)
-    for _, size, file in sorted(files, key=lambda row: row[0]):
-        if total <= CACHE_BYTES:
-            return
-        file.unlink(missing_ok=True)
-        total -= size
-
-
 def compile_text(text: str, *, promote: bool, quick: bool = False) -> Any:
     """The function ``run`` of a module as a callable taking the address of its table.
 
@@ -172,9 +106,7 @@ def _module(llvm: Any, text: str) -> Any:
 
 def _object(llvm: Any, machine: Any, key: str, text: str, promote: bool) -> bytes:
     """Object code, from the cache or compiled."""
-    directory = cache_directory()
-    path = directory / f"{key}.o" if directory is not None and _private(directory) else None
-    body = _read(path) if path is not None else None
+    body = read_code(key)
     if body is None:
         module = _module(llvm, text)
         passes = llvm.create_new_module_pass_manager()
@@ -182,7 +114,6 @@ def _object(llvm: Any, machine: Any, key: str, text: str, promote: bool) -> byte
         if promote:
             passes.add_sroa_pass()
         passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
-        body = machine.emit_object(module)
-        if path is not None:
-            _write(path, body)
-    return bytes(body)
+        body = bytes(machine.emit_object(module))
+        write_code(key, body)
+    return body
