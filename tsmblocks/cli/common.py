@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from tsmblocks.cli.console import print_error, print_json, wrap
+from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.tables import unique_names
 
@@ -285,7 +286,7 @@ def finish(
         print(result)
     written = save()
     if plot:
-        result.plot().savefig(plot, dpi=150)
+        replace_figure(plot, result.plot(), dpi=150)
         written.append(str(plot))
     report_results({**result.to_dict(), **facts}, written, args)
     return exit_status(result.status == "interrupted", written)

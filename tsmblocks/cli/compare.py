@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tsmblocks.cli import common, console, recordings
+from tsmblocks.common.atomic_write import replace_figure
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.compare import Comparison
@@ -69,7 +70,7 @@ def execute(args: argparse.Namespace) -> int:
         from tsmblocks.plots import plot_comparison, plot_each
 
         figure = plot_each(results) if args.each else plot_comparison(results[""])
-        figure.savefig(plot, dpi=150)
+        replace_figure(plot, figure, dpi=150)
         written.append(str(plot))
     facts = {"format": 1, "each": {name: one.to_dict() for name, one in results.items()}} if args.each else None
     common.report_results({**(facts or results[""].to_dict()), "data": recordings.as_json(records)}, written, args)

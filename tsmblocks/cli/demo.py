@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -23,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tsmblocks.cli import common, console, recordings
+from tsmblocks.common.atomic_write import replace_figure, replace_file
 from tsmblocks.common.tables import WIDTH, columns
 
 if TYPE_CHECKING:
@@ -192,8 +194,9 @@ def _write_paper(cases: list[Case], folder: Path) -> None:
     from tsmblocks.demo import paper
     from tsmblocks.files import load
 
-    with (folder / "results.csv").open("w", newline="\n", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(paper.rows(cases))
+    table = io.StringIO()
+    csv.writer(table, lineterminator="\n").writerows(paper.rows(cases))
+    replace_file(folder / "results.csv", table.getvalue())
     for name in paper.DIAGRAMS:
         for ending in (".svg", ".png"):
             draw.write(load(name), folder / f"{name}{ending}")
@@ -208,14 +211,14 @@ def _plot_paper(cases: list[Case], folder: Path) -> None:
     for case in (one for one in cases if one.runs):
         labelled = {paper.DIAGRAMS[name]: run for name, run in case.runs.items()}
         figure = plot_tracking(labelled, title=case.words, after=case.settled)
-        figure.savefig(folder / f"tracking_{case.key}.png", dpi=150)
+        replace_figure(folder / f"tracking_{case.key}.png", figure, dpi=150)
         panel = None
         for label, run in labelled.items():
             late = run.t >= case.settled
             figure = plot_loop(run["x_in"][late], run["x_out"][late], panel, label=label)
             panel = figure.axes[0]
         figure.axes[0].set_title(case.words, loc="left", fontsize=11)
-        figure.savefig(folder / f"loop_{case.key}.png", dpi=150)
+        replace_figure(folder / f"loop_{case.key}.png", figure, dpi=150)
 
 
 def _write_story(cases: Sequence[Case], story: Story, folder: Path) -> None:
@@ -228,8 +231,8 @@ def _write_story(cases: Sequence[Case], story: Story, folder: Path) -> None:
     for name, record in story.records.items():
         lines = [",".join(["t [s]", *(f"{k} [{record.unit(k)}]" for k in record.names)])]
         lines += [",".join(f"{v:.6g}" for v in row) for row in zip(record.t, *record.signals.values(), strict=True)]
-        (folder / "recordings" / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+        replace_file(folder / "recordings" / f"{name}.csv", "\n".join(lines) + "\n")
     save(model(), folder / "model.toml")
     save(story.fit.diagram, folder / "identified.toml")
     story.diagnosis.save(folder / "found")
-    (folder / "index.html").write_text(page(cases, story), encoding="utf-8", newline="\n")
+    replace_file(folder / "index.html", page(cases, story))

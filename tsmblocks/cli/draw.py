@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tsmblocks.cli import common
+from tsmblocks.common.atomic_write import replace_file
 
 HELP = "draw a diagram to .svg, .png, .pdf or .mmd"
 ENDINGS = (".svg", ".png", ".pdf", ".mmd")
@@ -55,4 +56,4 @@ def write(diagram: Any, path: Path, highlight: Sequence[str] = ()) -> None:
     if kind == ".mmd" and highlight:
         raise common.UsageError("--highlight is for pictures; Mermaid text (.mmd) has none of our colours.")
     text = draw.to_svg(diagram, highlight=highlight, loops=loops) if kind == ".svg" else draw.to_mermaid(diagram)
-    path.write_text(text, encoding="utf-8", newline="\n")
+    replace_file(path, text)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tsmblocks.cli import common, console, recordings
+from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.tables import columns
 
@@ -116,7 +117,7 @@ def _plot(run: Any, path: Path, residuals: Any) -> Path:
         figure = residuals.plot()
     else:
         figure = plot_tracking({"x_out": run}, title=run.title) if _tracks(run) else plot_run(run)
-    figure.savefig(path, dpi=150)
+    replace_figure(path, figure, dpi=150)
     return path
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from tsmblocks.common.atomic_write import replacing
 from tsmblocks.common.errors import DataError, in_words
 from tsmblocks.common.units import split_heading, unambiguous_heading
 
@@ -60,13 +62,13 @@ def _title(name: str, unit: str, kind: str) -> tuple[str, str]:
 
 
 def _write(path: Path, kind: str, columns: Mapping[str, np.ndarray], units: list[str]) -> None:
-    if kind == ".csv":
-        with path.open("w", encoding="utf-8", newline="\n") as text:
-            csv.writer(text, lineterminator="\n").writerow(columns)  # names with commas and quotes in quotes
-            np.savetxt(text, np.column_stack(list(columns.values())), delimiter=",", fmt="%.17g")
-        return
-    with path.open("wb") as file:  # a path would be given another ending where this one is in capitals
-        if kind == ".npz":
+    with replacing(path) as file:
+        if kind == ".csv":
+            heading = io.StringIO()
+            csv.writer(heading, lineterminator="\n").writerow(columns)  # names with commas and quotes in quotes
+            file.write(heading.getvalue().encode())
+            np.savetxt(file, np.column_stack(list(columns.values())), delimiter=",", fmt="%.17g")
+        elif kind == ".npz":
             np.savez_compressed(file, **columns, units=np.array(units))  # type: ignore[arg-type]
         else:
             from scipy.io import savemat

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import FRAME, PAPER, Box, Label, Picture, Point, Wire
@@ -123,7 +124,7 @@ def _print(
     axes.set_axis_off()
     _paint(axes, picture)
     with rc_context({"pdf.fonttype": 42}):  # letters that other programs can search and edit
-        figure.savefig(path, format=ending[1:], dpi=dpi, metadata=metadata)
+        replace_figure(path, figure, format=ending[1:], dpi=dpi, metadata=metadata)
 
 
 def _paint(axes: Any, picture: Picture) -> None:

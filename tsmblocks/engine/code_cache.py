@@ -11,7 +11,6 @@ import hmac
 import itertools
 import os
 import re
-import secrets
 import stat
 import sys
 import tempfile
@@ -180,7 +179,7 @@ def _key(user: Path) -> bytes | None:
     found = _own_file(path)
     if found is None or len(found) != KEY_BYTES:
         with suppress(OSError):
-            _replace(path, secrets.token_bytes(KEY_BYTES), ".key-")
+            _replace(path, os.urandom(KEY_BYTES), ".key-")
         found = _own_file(path)  # where two processes make one, the last one stays
     return found if found is not None and len(found) == KEY_BYTES else None
 

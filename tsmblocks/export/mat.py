@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.analysis import linearize, trim
+from tsmblocks.common.atomic_write import replacing
 from tsmblocks.common.errors import DataError, TsmError
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
@@ -70,7 +71,8 @@ def to_mat(diagram: Diagram, path: str | Path) -> Path:
         "inputs": _texts(diagram.inputs),
         "outputs": _texts(diagram.outputs),
     }
-    savemat(target, {**made, **_linear(diagram)}, long_field_names=True)
+    with replacing(target) as file:
+        savemat(file, {**made, **_linear(diagram)}, long_field_names=True)
     return target
 
 

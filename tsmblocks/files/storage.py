@@ -158,7 +158,7 @@ def save(diagram: Diagram, path: str | os.PathLike[str]) -> None:
     if not isinstance(path, (str, os.PathLike)):
         raise FileError("save", [f"a file is named by text or a path, got {in_words(path)}."])
     try:
-        replace_file(Path(os.path.realpath(path)), text)  # a link stays a link
+        replace_file(path, text)
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
         raise FileError(clip(str(path)), [f"{clip(str(path))}: cannot be written: {reason}."]) from None

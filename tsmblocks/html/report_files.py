@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
+from tsmblocks.common.atomic_write import replace_file
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.tables import listed
 from tsmblocks.common.views import no_view
@@ -22,9 +23,9 @@ def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
     """Write the files of ``NAMES`` into a folder, which is made; return its path. Raises as ``folder_for`` does."""
     place = folder_for(folder)
     place.mkdir(parents=True, exist_ok=True)
-    (place / NAMES[0]).write_text(diagnosis.to_json(), encoding="utf-8", newline="\n")
+    replace_file(place / NAMES[0], diagnosis.to_json())
     save(diagnosis.augmented, place / NAMES[1])
-    (place / NAMES[2]).write_text(page(diagnosis), encoding="utf-8", newline="\n")
+    replace_file(place / NAMES[2], page(diagnosis))
     return place
 
 

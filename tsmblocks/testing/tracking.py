@@ -16,7 +16,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.atomic_write import replace_file
+from tsmblocks.common.atomic_write import replace_figure, replace_file
 from tsmblocks.common.errors import FileError, ParameterError, RunError, in_words, near
 from tsmblocks.common.tables import columns
 from tsmblocks.common.units import heading
@@ -200,7 +200,7 @@ def draw(found: Sequence[Change], before: Baseline, now: Baseline, path: Path, t
 
     path.parent.mkdir(parents=True, exist_ok=True)
     names = ", ".join(one.name for one in found)
-    plot_tracking_changes(before, now, f"{title}: {names}").savefig(path, dpi=120)
+    replace_figure(path, plot_tracking_changes(before, now, f"{title}: {names}"), dpi=120)
     return path
 
 

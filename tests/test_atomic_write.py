@@ -1,0 +1,165 @@
+"""Files are replaced in one step, whoever else writes or reads there, and by whatever command."""
+
+import ast
+import errno
+import os
+import stat
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.common import atomic_write
+from tsmblocks.common.atomic_write import replace_file, replacing
+from tsmblocks.data.record import Record
+from tsmblocks.draw import to_png
+from tsmblocks.export import to_c, to_mat
+
+POSIX_ONLY = pytest.mark.skipif(sys.platform == "win32", reason="links, modes and devices of POSIX")
+SOURCE = Path(tsm.__file__).parent
+RECORD = Record("ramp", np.arange(50) / 10, {"x": np.arange(50.0)}, {"x": "rad"})
+WRITERS = {
+    "diagram": ("d.toml", lambda path: tsm.save(tsm.load("motor_linear"), path)),
+    "csv": ("d.csv", RECORD.save),
+    "npz": ("d.npz", RECORD.save),
+    "mat": ("d.mat", RECORD.save),
+    "diagram as mat": ("d.mat", lambda path: to_mat(tsm.load("motor_linear"), path)),
+    "c": ("controller.h", lambda path: to_c(tsm.load("motor_linear"), step=1e-3).save(path.parent)),
+    "picture": ("d.png", lambda path: to_png(tsm.load("motor_linear"), path)),
+}
+"""File and what writes it."""
+
+
+def test_threads_that_write_one_file_never_meet(tmp_path):
+    target, texts, failed = tmp_path / "d.toml", [str(k) * 20_000 for k in range(6)], []
+    replace_file(target, texts[0])
+
+    def write(text):
+        try:
+            for _ in range(30):
+                replace_file(target, text)
+                assert target.read_text(encoding="utf-8") in texts
+        except Exception as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=write, args=(text,)) for text in texts]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert failed == []
+    assert [path.name for path in tmp_path.iterdir()] == ["d.toml"]
+
+
+@POSIX_ONLY
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_file_that_cannot_be_finished_is_the_old_one(kind, tmp_path, monkeypatch):
+    """The last call before the new file takes its place fails once: a full disk often says so only there."""
+    name, write = WRITERS[kind]
+    target = tmp_path / name
+    target.write_text("the old file", encoding="utf-8")
+
+    def full(_handle):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full)
+        with pytest.raises((OSError, tsm.TsmError), match=r"(?i)no space left on device") as caught:
+            write(target)
+    assert name in str(caught.value)
+    assert target.read_text(encoding="utf-8") == "the old file"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    write(target)
+    assert target.stat().st_size > 100
+
+
+@POSIX_ONLY
+def test_links_stay_links_and_new_files_have_the_usual_mode(tmp_path):
+    (tmp_path / "far").mkdir()
+    real, link = tmp_path / "far" / "real.txt", tmp_path / "link.txt"
+    link.symlink_to(real)
+    replace_file(link, "one")
+    assert link.is_symlink()
+    assert real.read_text(encoding="utf-8") == "one"
+    plain = tmp_path / "plain.txt"
+    plain.write_text("", encoding="utf-8")
+    assert stat.S_IMODE(real.stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
+    real.chmod(0o640)
+    replace_file(link, "two")
+    assert stat.S_IMODE(real.stat().st_mode) == 0o640
+
+
+@POSIX_ONLY
+def test_what_is_planted_under_names_that_can_be_guessed_is_not_written_to(tmp_path):
+    victim, target = tmp_path / "victim", tmp_path / "d.toml"
+    victim.write_text("mine", encoding="utf-8")
+    for name in (f".d.toml.{os.getpid()}.new", ".d.toml.new", "d.toml.tmp"):
+        (tmp_path / name).symlink_to(victim)
+    replace_file(target, "text")
+    assert victim.read_text(encoding="utf-8") == "mine"
+    assert not target.is_symlink()
+
+
+@POSIX_ONLY
+def test_devices_and_pipes_are_written_to(tmp_path):
+    replace_file("/dev/null", "text")
+    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+    pipe, got = tmp_path / "pipe", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: got.append(pipe.read_text(encoding="utf-8")))
+    reader.start()
+    replace_file(pipe, "text")
+    reader.join()
+    assert got == ["text"]
+
+
+def test_the_error_names_the_target(tmp_path):
+    for target in (tmp_path, tmp_path / "none" / "d.txt"):
+        with pytest.raises(OSError) as caught:
+            replace_file(target, "text")
+        assert caught.value.filename == str(target)
+
+
+def test_a_name_as_long_as_systems_allow(tmp_path):
+    target = tmp_path / ("n" * 255)
+    replace_file(target, "text")
+    assert target.read_text(encoding="utf-8") == "text"
+
+
+def test_what_the_writer_raises_leaves_no_file(tmp_path):
+    def write():
+        with replacing(tmp_path / "d.txt") as file:
+            file.write(b"half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert not list(tmp_path.iterdir())
+
+
+ALLOWED = {
+    "common/atomic_write.py",
+    "engine/code_cache.py",
+    "reference/site.py",  # a folder of its own, which Sphinx reads
+    "studies/store.py",  # rows are added as runs end
+}
+"""Modules that open files for writing themselves."""
+
+
+def test_no_other_module_writes_a_file_by_itself():
+    found = set()
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name)):
+                continue
+            name = node.func.attr if isinstance(node.func, ast.Attribute) else node.func.id
+            modes = [arg.value for arg in node.args if isinstance(arg, ast.Constant)]
+            opened = name == "open" and any(str(mode)[:1] in "wax" for mode in modes)
+            if opened or name in ("write_text", "write_bytes", "savefig"):
+                found.add(path.relative_to(SOURCE).as_posix())
+    assert found <= ALLOWED
+    assert "common/atomic_write.py" in found
+    assert atomic_write.NAME_CHARACTERS < 100
