@@ -14,7 +14,7 @@ NAME_CHARACTERS = 40
 
 
 @contextmanager
-def replacing(target: str | Path) -> Iterator[BinaryIO]:
+def replacing(target: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """Open a new file beside the old one, which takes its place in one step when all is written.
 
     Its name is new and nobody else's, so that threads, processes and links in a shared folder cannot meet there. Of a
@@ -46,13 +46,13 @@ def replacing(target: str | Path) -> Iterator[BinaryIO]:
             fresh.unlink(missing_ok=True)
 
 
-def replace_file(target: str | Path, text: str) -> None:
+def replace_file(target: str | os.PathLike[str], text: str) -> None:
     """Replace a file by a text in UTF-8. Raises OSError as ``replacing``."""
     with replacing(target) as file:
         file.write(text.encode())
 
 
-def replace_figure(target: str | Path, figure: Any, **options: Any) -> None:
+def replace_figure(target: str | os.PathLike[str], figure: Any, **options: Any) -> None:
     """Replace a file by a figure of matplotlib, in the format of its ending. Raises OSError as ``replacing``."""
     kind = options.pop("format", Path(target).suffix[1:].lower() or None)
     with replacing(target) as file:
