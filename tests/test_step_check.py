@@ -26,12 +26,14 @@ from tsmblocks.blocks import (
 )
 from tsmblocks.cli import main
 from tsmblocks.common.errors import NotFinite
+from tsmblocks.engine.backends import CompiledKernel
 from tsmblocks.engine.zero_crossing import Crossing
-from tsmblocks.simulation import step_check
+from tsmblocks.simulation import step_check, step_look
 from tsmblocks.simulation.repeated_steps import MOST_TURNS
 from tsmblocks.simulation.stability import StepWarning, no_step_warnings
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
+import step_cases
 import step_warnings
 
 LONG = pytest.mark.filterwarnings("error::tsmblocks.simulation.stability.StepWarning")
@@ -285,17 +287,57 @@ def test_of_a_long_run_parts_are_taken_again():
 def test_the_past_of_delays_is_taken_along(late, stop, monkeypatch):
     """In steps of half and of twice the length, from the middle of a run, the past must be that of the run."""
     gaps = []
-    look = step_check._look
+    look = step_look.looks_at
 
-    def seen(run, part, finer, allowed):
-        made = [look(run, part, f, 2e-5) for f in (0.5, 2.0)]
-        gaps.extend(one.doubt for one in made)
-        return made[0]
+    def seen(run, parts, finer):
+        gaps.extend(one.most for f in (0.5, 2.0) for one in look(run, parts, f))
+        return look(run, parts, finer)
 
-    monkeypatch.setattr(step_check, "_look", seen)
+    monkeypatch.setattr(step_look, "looks_at", seen)
     tsm.simulate(loop(late), stop=stop, step=1e-3)
-    assert len(gaps) == (2 if stop < 8 else 2 * 20)
-    assert gaps == [None] * len(gaps)
+    assert len(gaps) == 2 if stop < 8 else len(gaps) >= 2 * 9
+    assert max(gaps) < 2e-5
+
+
+@LONG
+def test_a_run_that_goes_on_between_two_instants_that_are_kept_is_compared_where_they_are():
+    how = dict(step=1e-3, every=10)
+    _, first = warned(oscillator(), stop=1.005, **how)
+    for stop in (1.205, 21.005):
+        assert warned(oscillator(), initial=first.state, stop=stop, **how)[0] == []
+
+
+def test_a_transient_in_the_midst_of_a_long_run_is_looked_at():
+    blocks = {"step": tsm.blocks.Step(time=11.5, after=1.0), "plant": SecondOrderLag(omega=800.0, zeta=0.3)}
+    diagram = tsm.Diagram(title="late", blocks=blocks, wires=["step -> plant"], outputs={"y": "plant"})
+    for how in (dict(log="all"), dict(log="outputs")):
+        said, _ = warned(diagram, stop=20.0, step=1e-3, **how)
+        assert len(said) == 1
+        assert "It begins to differ at t = 11.5" in said[0]
+
+
+@pytest.mark.parametrize("seed", [4111, 4178])
+def test_a_run_with_more_located_switches_than_are_located_again_is_compared_with_steps_that_do_not_locate(seed):
+    case = step_cases.build(seed)
+    assert case.locate
+    assert len(warned(case.diagram, **case.run)[0]) == 1
+
+
+@LONG
+@pytest.mark.parametrize("name", ["fig16_feedforward_feedback", "fig09b_feedforward"])
+@pytest.mark.parametrize("stop", [20.0, 100.0])
+def test_a_long_run_is_checked_in_a_third_of_its_steps(name, stop, monkeypatch):
+    taken = []
+    advance = CompiledKernel.advance
+
+    def counted(self, memory, u, y, steps):
+        taken.append(steps.n)
+        advance(self, memory, u, y, steps)
+
+    monkeypatch.setattr(CompiledKernel, "advance", counted)
+    tsm.simulate(tsm.load(name), stop=stop)
+    assert 1000 * stop < sum(taken) < 1.34 * 1000 * stop
+    assert len(taken) < 110
 
 
 def test_the_same_run_is_checked_once(monkeypatch):

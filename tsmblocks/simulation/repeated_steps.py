@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 from functools import cached_property
 
 import attrs
@@ -15,10 +16,10 @@ from tsmblocks.engine.session import Session, single_kernel
 
 TINY_SIGNAL = 1e-12
 """Share of the largest signal below which a signal is rounding. Chosen: some thousand roundings."""
-MOST_SCALED = 2048
+MOST_SAMPLED = 1024
 """Instants of which the largest values of a run are taken, about. Chosen: for speed."""
-
-
+SHORT_STEPS = 4096
+"""Steps up to which a kernel takes all at once, with no look at Ctrl-C. Chosen: below a tenth of a second."""
 MOST_TURNS = 40
 """Steps with a switch that is located, at most, when steps are taken again. Chosen: for speed, a tenth of a second."""
 
@@ -29,17 +30,44 @@ class Interrupted(Exception):
 
 def scale_of(x: np.ndarray) -> np.ndarray:
     """The largest value of each signal that is finite, above rounding."""
-    largest = np.abs(np.where(np.isfinite(x), x, 0.0)).max(axis=0)
+    x = np.abs(x)
+    if not math.isfinite(x.sum()):
+        x[~np.isfinite(x)] = 0.0
+    largest = np.ascontiguousarray(x.T).max(axis=1)  # several times as fast as over the first axis
     return np.asarray(np.maximum(largest, max(TINY_SIGNAL * float(largest.max(initial=0.0)), 1e-300)))
+
+
+def largest_over_last(x: np.ndarray) -> np.ndarray:
+    """The largest number along the last axis, which is short: several times as fast as ``max`` along it."""
+    return np.asarray(np.ascontiguousarray(np.moveaxis(x, -1, 0)).max(axis=0))
+
+
+@attrs.frozen(eq=False)
+class Part:
+    """``n`` steps of a run from step ``k``, and the memory before them."""
+
+    memory: Memory
+    k: int
+    n: int
+
+
+@attrs.frozen(eq=False)
+class Again:
+    """Parts of one length taken again: signals, shape (parts, rows, signals), infinite after divergence; and the states
+    of each at the run's marks and in the end, up to divergence, where not all that is compared is among the signals.
+    """
+
+    rows: np.ndarray
+    at_marks: list[np.ndarray]
 
 
 @attrs.frozen(eq=False, slots=False)
 class Taken:
     """A run as it was taken: ``session`` at its end, ``begin`` the memory before step ``k``, ``steps`` of them.
 
-    ``watched`` are the positions in ``eq.y`` of the signals that are compared, states and outputs, and ``weights`` how
-    much of their largest values counts as one; ``columns`` are those of ``rows``, the rows logged, that hold watched
-    signals, in their order, and empty where not each ``every``-th instant from ``k`` on is there.
+    ``kept_signals`` are the positions in ``eq.y`` of the signals in ``rows``, the rows logged; ``aligned`` is whether
+    these are each ``every``-th instant from ``k`` on. ``watched`` are the positions of the signals that are compared,
+    and ``weights`` how much of their largest values counts as one.
     """
 
     session: Session
@@ -47,10 +75,17 @@ class Taken:
     k: int
     steps: int
     rows: np.ndarray
+    kept_signals: tuple[int, ...]
+    aligned: bool
     watched: tuple[int, ...]
     weights: np.ndarray
-    columns: dict[int, int]
     backend: str = ""
+
+    @cached_property
+    def columns(self) -> dict[int, int]:
+        """The columns of the rows that hold watched signals, by their position among these; none unless aligned."""
+        places = {signal: column for column, signal in enumerate(self.kept_signals)} if self.aligned else {}
+        return {i: places[one] for i, one in enumerate(self.watched) if one in places}
 
     @property
     def every(self) -> int:
@@ -73,71 +108,94 @@ class Taken:
         return list(self.columns.values())
 
     @cached_property
+    def sample(self) -> np.ndarray:
+        """Some of the rows."""
+        return self.rows[:: self.sampled_every]
+
+    @property
+    def sampled_every(self) -> int:
+        """Rows from one of ``sample`` to the next."""
+        return max(1, len(self.rows) // MOST_SAMPLED)
+
+    @cached_property
     def scale(self) -> np.ndarray:
         """What counts as one of each signal that is watched and logged."""
-        few = self.rows[:: max(1, len(self.rows) // MOST_SCALED)]
-        return scale_of(few[:, self.logged]) * self.weights[list(self.columns)]
+        return scale_of(self.sample[:, self.logged]) * self.weights[list(self.columns)]
 
     def stride(self, finer: float) -> int:
         """Steps between two instants at which the run can be compared with itself in steps ``finer`` times as short."""
         return self.every if finer >= 1 or self.every % 2 == 0 else 2 * self.every
 
-    def kept(self, k: int, n: int, stride: int) -> np.ndarray:
-        """Signals of the run at each ``stride``-th of the instants ``k`` … ``k + n``, those that are logged."""
-        first = (k - self.k) // self.every
-        return self.rows[first : first + n // self.every + 1 : stride // self.every][:, self.logged]
+    def kept(self, part: Part, stride: int) -> np.ndarray:
+        """Signals of the run at each ``stride``-th instant of a part, those that are logged."""
+        first = (part.k - self.k) // self.every
+        return self.rows[first : first + part.n // self.every + 1 : stride // self.every][:, self.logged]
 
-    def again(self, memory: Memory, k: int, n: int, finer: float) -> np.ndarray:
-        """The same signals over ``n`` steps from ``k`` in steps ``finer`` times as short; infinite after divergence."""
-        return self._again(self.session, self.logged, memory, k, n, finer)
+    def again(self, parts: Sequence[Part], finer: float) -> Again:
+        """Parts of one length in steps ``finer`` times as short, with the signals of ``kept``."""
+        return self._again(self.session, self.logged, parts, finer)
 
-    def all_again(self, memory: Memory, k: int, n: int, finer: float, located: bool | None = None) -> np.ndarray:
-        """As ``again``, all that is watched; ``located`` as in the run unless given."""
+    def all_again(self, part: Part, finer: float, located: bool | None = None) -> np.ndarray:
+        """All that is watched over one part, shape (rows, signals), as ``again``; ``located`` as in the run unless
+        given.
+        """
         session = self.session
         if self.complete and located is None:
-            return self.again(memory, k, n, finer)
+            return self.again([part], finer).rows[0]
         kernel, columns = session.kernel, self.logged
         if not self.complete:
             columns = list(range(len(self.watched)))
             kernel = single_kernel(session.eq, kernel.plan.method, self.watched, self.backend)
         one = self._of(kernel)
         one = locating(one, self.backend) if (self.located if located is None else located) else one
-        return self._again(one, columns, memory, k, n, finer)
+        return self._again(one, columns, [part], finer).rows[0]
 
     def by(self, kernel: Kernel, n: int, finer: float) -> np.ndarray:
-        """The first ``n`` steps by a kernel of another method, which logs what is watched alone; as ``again``."""
+        """The first ``n`` steps by a kernel of another method, which logs what is watched alone; as ``all_again``."""
         memory = attrs.evolve(self.begin.copy(), loops=np.zeros(kernel.layout_loops.size))
-        return self._again(self._of(kernel), list(range(len(self.watched))), memory, self.k, n, finer)
-
-    def marks_again(self, memory: Memory, k: int, n: int, finer: float) -> np.ndarray:
-        """All states where the run has marks, in steps ``finer`` times as short; fewer after divergence."""
-        one = _shifted(self.session, memory, k, finer)
-        one.mark_every = round(self.session.mark_every * finer)
-        _, stopped = one.run(round(n * finer), None)
-        if stopped is not None and stopped.interrupted:
-            raise Interrupted
-        return np.array([mark.x for _, mark in one.marks]).reshape(-1, len(one.eq.x))
+        part = Part(memory, self.k, n)
+        return self._again(self._of(kernel), list(range(len(self.watched))), [part], finer).rows[0]
 
     def _of(self, kernel: Kernel) -> Session:
         """A session of the run with another kernel."""
         s = self.session
         return Session(s.eq, kernel, s.memory, s.signals, s.start, s.h, s.every, self.k, s.hits)
 
-    def _again(self, session: Session, columns: list[int], memory: Memory, k: int, n: int, finer: float) -> np.ndarray:
-        stride = self.stride(finer)
-        one = _shifted(session, memory, k, finer)
-        one.every = round(stride * finer)
-        rows, stopped = one.run(round(n * finer), None)
-        if stopped is not None and stopped.interrupted:
-            raise Interrupted
-        made = np.full((n // stride + 1, len(columns)), np.inf)
-        made[: len(rows)] = rows[:, columns]
-        return made
+    def _again(self, session: Session, columns: list[int], parts: Sequence[Part], finer: float) -> Again:
+        stride, steps = self.stride(finer), round(parts[0].n * finer)
+        every = round(stride * finer)
+        made = np.empty(0)
+        at_marks = list[np.ndarray]()
+        for i, part in enumerate(parts):
+            one = _shifted(session, part, finer)
+            one.every = every
+            if not i:
+                made = np.full((len(parts), *one.rows_for(steps, True).shape), np.inf)
+            if self.complete and steps <= SHORT_STEPS:
+                one.advance(steps, True, made[i])
+                continue
+            one.mark_every = round(self.session.mark_every * finer)
+            rows, stopped = one.run(steps, None)
+            made[i, : len(rows)] = rows
+            if stopped is not None and stopped.interrupted:
+                raise Interrupted
+            at_marks.append(
+                np.array([*(mark.x for _, mark in one.marks), *([one.memory.x] if stopped is None else [])])
+            )
+        return Again(_infinite_after_divergence(made[:, :, columns]), at_marks)
 
 
-def _shifted(session: Session, memory: Memory, k: int, finer: float) -> Session:
-    """The session from step ``k`` on, in steps ``finer`` times as short."""
-    memory = memory.copy()
+def _infinite_after_divergence(rows: np.ndarray) -> np.ndarray:
+    """Rows of shape (parts, rows, signals), infinite from the first of a part on in which a number is not finite."""
+    if not math.isfinite(rows.sum()):
+        lost = np.logical_or.accumulate(~np.isfinite(rows).all(axis=2), axis=1)
+        rows[lost] = np.inf
+    return rows
+
+
+def _shifted(session: Session, part: Part, finer: float) -> Session:
+    """The session before the part, in steps ``finer`` times as short."""
+    memory, k = part.memory.copy(), part.k
     if len(memory.ring):
         for _ in range(round(math.log2(finer))):
             memory = _refined(memory, k, len(session.eq.q))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from typing import Any
 
 import attrs
 import numpy as np
@@ -15,7 +14,7 @@ from tsmblocks.engine.events import TooManySwitches
 from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import Session, single_kernel
 from tsmblocks.engine.switches import freeze
-from tsmblocks.simulation.repeated_steps import Taken
+from tsmblocks.simulation.repeated_steps import Part, Taken
 
 SETTLING = 0.02
 """Difference between the two shortest steps up to which they tell what another way to run it should give. Chosen."""
@@ -35,13 +34,14 @@ EXPLICIT, IMPLICIT = "rk4", "sdirk4"
 
 @attrs.frozen(eq=False)
 class Examined:
-    """A part of a run, its signals as they were and in the shortest steps that were taken, and what counts as one of
-    each.
+    """A part of a run that compares what does not jump there: its signals as they were and in the shortest steps that
+    were taken, and what counts as one of each.
 
     ``gaps`` are the largest differences between steps of each length and of half of it, the run's own first.
     """
 
-    part: Any
+    run: Taken
+    part: Part
     states: np.ndarray
     finest: np.ndarray
     scale: np.ndarray
@@ -62,9 +62,10 @@ class Advice:
     method: str = ""
 
 
-def advice(run: Taken, found: Examined, tolerance: float) -> Advice:
+def advice(found: Examined, tolerance: float) -> Advice:
     """What would do: found by trying it where that is cheap."""
-    gaps, h, rule = found.gaps, run.session.h, run.session.kernel.plan.method
+    run, gaps = found.run, found.gaps
+    h, rule = run.session.h, run.session.kernel.plan.method
     halved, tried = len(gaps), gaps[-1] <= tolerance
     step = h / 2 ** next(j for j in range(1, halved) if max(gaps[j:]) <= tolerance) if tried else None
     if not tried and halved > 1 and gaps[-1] < math.inf:
@@ -109,10 +110,10 @@ def _switches(run: Taken) -> bool:
         return False
 
 
-def _located(run: Taken, part: Any, finer: float) -> np.ndarray:
+def _located(run: Taken, part: Part, finer: float) -> np.ndarray:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return run.all_again(part.memory, part.k, part.n, finer, located=True)
+        return run.all_again(part, finer, located=True)
 
 
 def _other_methods(run: Taken, k: int, halved: int) -> list[str]:
@@ -126,9 +127,10 @@ def _other_methods(run: Taken, k: int, halved: int) -> list[str]:
 # ---- text
 
 
-def step_message(run: Taken, found: Examined, remedy: Advice, tolerance: float) -> str:
+def step_message(found: Examined, remedy: Advice, tolerance: float) -> str:
     """The warning: the worst state, when, by how much, and what would do."""
-    session, k = run.session, found.part.k
+    run, k = found.run, -(-found.part.k // found.run.every) * found.run.every
+    session = run.session
     error = found.error(found.states)
     signal = int(np.argmax(error.max(axis=0)))
     first, worst = int(np.argmax(error[:, signal] > tolerance)), int(np.argmax(error[:, signal]))
