@@ -205,7 +205,10 @@ def in_words(value: object, limit: int = 60) -> str:
     shape = getattr(value, "shape", ()) if hasattr(value, "dtype") else ()
     if len(shape) > 1 or max(shape, default=0) > 8:
         return f"an array of shape {tuple(shape)}"
-    return clip(" ".join(repr(value).split()), limit)
+    try:
+        return clip(" ".join(repr(value).split()), limit)
+    except Exception:  # an object that cannot be shown, or lists too deep in each other
+        return f"a {type(value).__name__}"
 
 
 def several(names: Sequence[str], what: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,13 +11,17 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError, near
+from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.common.units import split_heading, unambiguous_heading
 from tsmblocks.data import structures
+from tsmblocks.data.hdf5 import SIGNATURE, read_hdf5
+from tsmblocks.data.mat5 import read_mat5
 from tsmblocks.data.table import Rows, Source, within
 
-_HDF5 = b"\x89HDF\r\n\x1a\n"  # signature of an HDF5 file, from its format specification
 TIME_ARRAY_NAMES = ("t", "time", "tout")
 """Names of an array of times, whatever their case; ``tout`` is Simulink's."""
+COPIES = 3
+"""Times that numbers are in memory while they are read. Derived: as in the file, as floats, as one table."""
 MAX_COLUMNS = 64
 """Columns of a matrix up to which they are taken for signals. Chosen: a matrix of more is an image or a result."""
 
@@ -115,10 +120,25 @@ def _numpy_arrays(path: Path, kind: str) -> dict[str, Any]:
     """The arrays that NumPy reads from a file, a single one under the file's name; raises DataError."""
     try:
         with path.open("rb") as file:  # of a path, NumPy leaves the file open where it is damaged
+            _refuse_large_numpy(path, file)
             held = np.load(file, allow_pickle=False)
             return {path.stem: held} if isinstance(held, np.ndarray) else dict(held)
+    except DataError:
+        raise
     except Exception as error:  # NumPy and zipfile raise errors of any kind on a damaged file
         raise DataError(f"{path}: this is not a {kind} file of plain numbers ({error}).") from None
+
+
+def _refuse_large_numpy(path: Path, file: Any) -> None:
+    """Measure what a file would take: an archive says it of each array, of which no more is unpacked."""
+    if zipfile.is_zipfile(file):
+        file.seek(0)
+        with zipfile.ZipFile(file) as archive:
+            size = sum(one.file_size for one in archive.infolist())
+    else:
+        size = path.stat().st_size
+    file.seek(0)
+    refuse_too_large(COPIES * size, f"{path}: reading it")
 
 
 def open_npy(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
@@ -141,7 +161,7 @@ def open_mat(path: Path, columns: Sequence[str] | None, group: str | None = None
     """
     with path.open("rb") as file:
         start = file.read(1024)
-    tree = _hdf5(path, mat=True) if _HDF5 in start else _mat5(path)
+    tree = read_hdf5(path, mat=True) if SIGNATURE in start else read_mat5(path)
     found = structures.signals_of(_in_group(str(path), tree, group))
     if not found.arrays:
         structures.refuse_objects(path, found.objects)
@@ -152,44 +172,9 @@ def open_mat(path: Path, columns: Sequence[str] | None, group: str | None = None
     return attrs.evolve(made, headings=short, folder=folder, notes=(*found.notes, *made.notes))
 
 
-def _mat5(path: Path) -> dict[str, Any]:
-    """The variables of a MAT file of version 5 as trees."""
-    from scipy.io import loadmat
-
-    try:
-        found = loadmat(path)
-    except Exception as error:  # scipy raises errors of any kind on a damaged file
-        raise DataError(f"{path}: this is not a MAT file that can be read ({error}).") from None
-    return {k: structures.tree_of_mat(v) for k, v in found.items() if not k.startswith("__")}
-
-
 def open_hdf5(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
     """Arrays of an HDF5 file; those in groups are named ``group/name``."""
-    return arrays(str(path), _in_group(str(path), _hdf5(path, mat=False), group), columns, {})
-
-
-def _hdf5(path: Path, mat: bool) -> dict[str, Any]:
-    """All data sets by their paths, or (of a MAT file) the variables as trees."""
-    try:
-        import h5py
-    except ImportError:
-        what = "MAT files of version 7.3 need" if mat else "HDF5 files need"
-        other = " Or save the file with '-v7'." if mat else ""
-        raise DataError(f'{path}: {what} h5py: pip install "tsmblocks[data]".{other}') from None
-    found: dict[str, Any] = {}
-
-    def keep(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-            found[name] = item[()]
-
-    try:
-        with h5py.File(path, "r") as file:
-            if mat:
-                return {k: structures.tree_of_hdf5(file, v) for k, v in file.items() if not k.startswith("#")}
-            file.visititems(keep)
-    except (OSError, RuntimeError, KeyError) as error:
-        raise DataError(f"{path}: this is not an HDF5 file that can be read ({error}).") from None
-    return found
+    return arrays(str(path), _in_group(str(path), read_hdf5(path, mat=False), group), columns, {})
 
 
 def frame_arrays(name: str, frame: Any) -> Arrays:

@@ -264,8 +264,10 @@ def _column_notes(
     places: Mapping[str, int], columns: Sequence[tuple[str, str]], labels: Mapping[str, str]
 ) -> Iterator[str]:
     """A sentence for each column that is read under several names, or in another unit than the file gives."""
-    for place in dict.fromkeys(places.values()):
-        names = [name for name, own in places.items() if own == place]
+    named: dict[int, list[str]] = {}
+    for name, place in places.items():
+        named.setdefault(place, []).append(name)
+    for place, names in named.items():
         if len(names) > 1:
             yield f"{listed(names)} are the same column, '{columns[place][0]}'."
     for name, place in places.items():
@@ -354,7 +356,7 @@ def _time(source: Source, places: Mapping[str, int]) -> str:
         return ends[0]
     raise DataError(
         f"{source.origin}: no column is named t or time. Map t to the column that holds the time (there "
-        f"are {', '.join(places)}), or give the step between rows in s (step=…, or --sampling)."
+        f"are {clip(', '.join(places))}), or give the step between rows in s (step=…, or --sampling)."
     )
 
 

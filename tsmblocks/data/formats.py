@@ -12,8 +12,10 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, in_words, near
 from tsmblocks.common.interpolation import found_hold, interpolation
+from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.data.containers import Arrays, arrays
 from tsmblocks.data.grid import step_of
+from tsmblocks.data.structures import MAX_NESTING
 from tsmblocks.data.text import Text, text_of
 
 UNREAD = {
@@ -25,6 +27,10 @@ UNREAD = {
     ".pickle": "a Python pickle, which may run any code",
 }
 """Formats that are refused, by ending: read as text, each of them would give a fault that does not help."""
+JSON_BYTES = 20
+"""Bytes of memory for one of a JSON file. Derived: a list takes 56 bytes and its place in another 8, of "[],"."""
+MAX_DIGITS = 300
+"""Digits from which a whole number is infinite. Chosen: floats end at 1.8e308."""
 
 
 def _refuse_without(path: Path, what: str, package: str, extra: str) -> NoReturn:
@@ -58,8 +64,7 @@ def open_json(path: Path, columns: Sequence[str] | None, group: str | None = Non
             )
         found = found[key]
     if isinstance(found, dict) and isinstance(found.get("columns"), list) and isinstance(found.get("data"), list):
-        rows = found["data"]  # as pandas writes it with orient="split"
-        found = {str(k): [row[i] for row in rows] for i, k in enumerate(found["columns"])}
+        found = _split(path, found["columns"], found["data"])
     if isinstance(found, dict):
         inner = [v for v in found.values() if _are_rows(v)]
         found = inner[0] if len(inner) == 1 and not any(map(_numbers, found.values())) else found
@@ -76,19 +81,33 @@ def open_json(path: Path, columns: Sequence[str] | None, group: str | None = Non
     return arrays(str(path), named, columns, labels)
 
 
+def _split(path: Path, columns: list[Any], rows: list[Any]) -> dict[str, Any]:
+    """Columns of a table as pandas writes it with ``orient="split"``. Raises DataError for a row of another length."""
+    for k, row in enumerate(rows, 1):
+        if not isinstance(row, list) or len(row) != len(columns):
+            raise DataError(f"{path}: row {k} of 'data' must list {len(columns)} values, not {in_words(row)}.")
+    return {str(name): [row[i] for row in rows] for i, name in enumerate(columns)}
+
+
 def _json(path: Path) -> Any:
     """The content of a JSON file, or the list of the lines of one that has an object on each."""
+    refuse_too_large(JSON_BYTES * path.stat().st_size, f"{path}: reading it")
     text = path.read_text(encoding="utf-8", errors="replace").removeprefix("\ufeff")
     try:
-        return json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+        return json.loads(text, parse_int=_integer)
+    except (ValueError, RecursionError) as error:
         lines = [line for line in text.splitlines() if line.strip()]
         try:
             if len(lines) > 1:
-                return [json.loads(line) for line in lines]
-        except (json.JSONDecodeError, RecursionError):
+                return [json.loads(line, parse_int=_integer) for line in lines]
+        except (ValueError, RecursionError):
             pass
         raise DataError(f"{path}: this is not JSON that can be read ({error}).") from None
+
+
+def _integer(text: str) -> float:
+    """A whole number; infinity for one that no float holds, as JSON reads 1e400."""
+    return int(text) if len(text) < MAX_DIGITS else float("-inf" if text.startswith("-") else "inf")
 
 
 def _are_rows(value: Any) -> bool:
@@ -105,11 +124,12 @@ def _numbers(value: Any) -> np.ndarray | None:
         return None
 
 
-def _flat(found: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, np.ndarray | None]]:
+def _flat(found: Mapping[str, Any], above: str = "", depth: int = 0) -> Iterator[tuple[str, np.ndarray | None]]:
     """Every list of numbers with its path."""
     for name, value in found.items():
         if isinstance(value, dict):
-            yield from _flat(value, f"{above}{name}/")
+            if depth < MAX_NESTING:
+                yield from _flat(value, f"{above}{name}/", depth + 1)
         else:
             yield f"{above}{name}", _numbers(value)
 

@@ -28,47 +28,19 @@ def tree_of_mat(value: Any) -> Any:
     if not isinstance(value, np.ndarray):
         return value
     if value.dtype.names:
-        return _without_lone_dimension(
+        return without_lone_dimension(
             [{k: tree_of_mat(item[k]) for k in value.dtype.names} for item in value.ravel(order="F")]
         )
     if value.dtype == object:
-        return _without_lone_dimension([tree_of_mat(item) for item in value.ravel(order="F")])
+        return without_lone_dimension([tree_of_mat(item) for item in value.ravel(order="F")])
     if value.dtype.kind in "US":
         return str(value.ravel()[0]) if value.size else ""
     return value
 
 
-def _without_lone_dimension(items: list[Any]) -> Any:
+def without_lone_dimension(items: list[Any]) -> Any:
+    """A list, or its item where there is one."""
     return items[0] if len(items) == 1 else items
-
-
-def tree_of_hdf5(file: Any, item: Any, depth: int = 0) -> Any:
-    """Plain Python of a group or data set of a MAT file of version 7.3, which keeps structures by references."""
-    kind = item.attrs.get("MATLAB_class", b"")
-    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
-    if depth > MAX_NESTING or "MATLAB_object_decode" in item.attrs:
-        return OBJECT
-    if hasattr(item, "items"):
-        return _structure(file, {k: v for k, v in item.items() if not k.startswith("#")}, depth)
-    if item.attrs.get("MATLAB_empty", 0):
-        return "" if kind == "char" else np.empty(0)
-    if item.dtype == object:
-        cells = [tree_of_hdf5(file, file[ref], depth + 1) for ref in np.ravel(item[()]) if ref]
-        return cells if kind == "cell" else _without_lone_dimension(cells)
-    values = np.asarray(item[()])
-    if kind == "char":
-        return "".join(map(chr, values.ravel()))
-    return values.T if kind else values
-
-
-def _structure(file: Any, fields: Mapping[str, Any], depth: int) -> Any:
-    """Return a structure, or the list of them when each field is a set of references of one size."""
-    values = fields.values()
-    of_references = all(not hasattr(v, "items") and v.dtype == object and "MATLAB_class" not in v.attrs for v in values)
-    if not fields or not of_references or len({v.size for v in values}) != 1:
-        return {k: tree_of_hdf5(file, v, depth + 1) for k, v in fields.items()}
-    columns = [[tree_of_hdf5(file, file[ref], depth + 1) for ref in np.ravel(v[()])] for v in values]
-    return [dict(zip(fields, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 # ---- layouts

@@ -14,6 +14,7 @@ import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, in_words
+from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.common.units import heading, split_heading
 from tsmblocks.data.table import Rows, Source, plural, within
 
@@ -27,6 +28,12 @@ DAY = 86400.0
 """Length of a day [s]."""
 MAX_MIDNIGHT_GAP = 3600.0
 """Longest gap [s] between times of day over midnight. Chosen: with a longer one, time has jumped back."""
+MAX_LINE = 1_000_000
+"""Characters of a line. Chosen: 10,000 columns of numbers with all digits take a quarter of it."""
+MAX_COLUMNS = 10_000
+"""Columns of a table. Chosen: recordings have tens."""
+TEXT_BYTES = 10
+"""Bytes of memory for one of a text file. Measured: 8 for lines of 20 characters."""
 _DOTTED = re.compile(r"^(\d{1,2})\.(\d{1,2})\.(\d{4})[ T]+(?=\d)")
 _WORD = re.compile(r"\"[^\"]*\"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?")
 
@@ -65,7 +72,11 @@ def _separator(lines: Sequence[str]) -> str | None:
 def _cells(line: str, separator: str | None) -> list[str]:
     if separator is None:
         return [cell.strip('"') for cell in _WORD.findall(line)]
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    try:
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    except csv.Error:  # a cell longer than the reader's limit, which holds no number
+        cells = line.split(separator)
+    return [cell.strip() for cell in cells]
 
 
 def _number(cell: str) -> float | None:
@@ -206,24 +217,35 @@ def _and_more(count: int, what: str) -> str:
 
 def open_text(path: Path, columns: Sequence[str] | None) -> Text:
     """Split a text file into headings and lines. Raises DataError when it is no table or has no header."""
+    refuse_too_large(TEXT_BYTES * path.stat().st_size, f"{path}: reading it")
     whole, notes = _decoded(path, path.read_bytes())
     return text_of(path, whole, columns, notes)
 
 
-def text_of(path: Path, whole: str, columns: Sequence[str] | None, noted: Iterable[str]) -> Text:
-    """Headings and lines of a text; ``noted`` is what was assumed of it so far. Raises DataError as ``open_text``."""
+def _lines(path: Path, whole: str) -> tuple[list[str], list[int], str]:
+    """Lines with content, their row numbers, and the last comment before the first. Raises DataError without any."""
     lines, at, remark = list[str](), list[int](), ""
     for number, line in enumerate(re.split("\r?\n|\r", whole), 1):
         bare = line.strip()
         if bare.startswith(COMMENTS):
             remark = remark if lines else bare.lstrip("#%/ ")
+        elif len(bare) > MAX_LINE:
+            raise DataError(f"{path}: row {number} has {len(bare):,} characters; at most {MAX_LINE:,} are read.")
         elif bare.strip(",; "):
             lines.append(bare if "\t" not in line else line)
             at.append(number)
     if not lines:
         raise DataError(f"{path}: the file holds no numbers, only comments.")
+    return lines, at, remark
+
+
+def text_of(path: Path, whole: str, columns: Sequence[str] | None, noted: Iterable[str]) -> Text:
+    """Headings and lines of a text; ``noted`` is what was assumed of it so far. Raises DataError as ``open_text``."""
+    lines, at, remark = _lines(path, whole)
     separator, notes = _separator(lines[:50]), list(noted)
     first = _cells(lines[0], separator)
+    if len(first) > MAX_COLUMNS:
+        raise DataError(f"{path}: row {at[0]} has {len(first):,} cells; at most {MAX_COLUMNS:,} columns are read.")
     headings = _headings(path, columns, first, remark, separator)
     if not _is_numeric(first):
         lines, at = lines[1:], at[1:]

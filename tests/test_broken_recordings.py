@@ -1,0 +1,342 @@
+"""Recordings that are damaged, lie about their size or lead elsewhere: one message each, in time and within memory."""
+
+import io
+import struct
+import time
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+
+from tsmblocks.common import memory
+from tsmblocks.common.errors import DataError
+from tsmblocks.data import read
+from tsmblocks.data.record import Record
+
+T = np.arange(20) / 10
+QUICK = 5.0
+"""Seconds. Each refusal is a matter of milliseconds; this only tells it from what hung for a minute."""
+
+
+def refusal(path, **options):
+    began = time.monotonic()
+    with pytest.raises(DataError) as caught:
+        read(path, **options)
+    assert time.monotonic() - began < QUICK
+    text = str(caught.value).replace(str(path), path.name)
+    assert len(text) < 500
+    return text
+
+
+@pytest.fixture
+def file(tmp_path):
+    def make(name, content):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return make
+
+
+# ---- text
+
+
+def test_a_cell_longer_than_the_reader_of_csv_takes(file):
+    path = file("a.csv", 't,x\n0,1\n1,"' + "a" * 140_000 + '"\n2,3\n')
+    assert refusal(path).startswith("a.csv: row 3, column 2 (x) holds '\"aaa")
+
+
+def test_a_line_without_end_is_refused_at_once(file):
+    path = file("a.csv", "t,x\n0,1\n1," + "1 " * 10_000_000 + "\n2,3\n")
+    assert refusal(path) == "a.csv: row 3 has 20,000,001 characters; at most 1,000,000 are read."
+
+
+def test_many_thousand_columns_are_refused(file):
+    path = file("a.csv", "t" + ",x" * 200_000 + "\n" + "0" + ",1" * 200_000 + "\n")
+    assert refusal(path) == "a.csv: row 1 has 200,001 cells; at most 10,000 columns are read."
+
+
+def test_as_many_columns_as_are_read_take_seconds_at_most(file):
+    names = ["t", *(f"x{k}" for k in range(9_999))]
+    rows = [",".join([str(k), *["1"] * 9_999]) for k in range(4)]
+    began = time.monotonic()
+    record = read(file("a.csv", "\n".join([",".join(names), *rows])), only=["x7"])
+    assert list(record.names) == ["x7"]
+    assert time.monotonic() - began < QUICK
+
+
+# ---- JSON
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ('{"columns": ["t", "x"], "data": [[0, 1], [1]]}', "a.json: row 2 of 'data' must list 2 values, not [1]."),
+        ('{"columns": ["t", "x"], "data": [[0, 1], 3]}', "a.json: row 2 of 'data' must list 2 values, not 3."),
+        ("[" * 900 + "]" * 900, "a.json: the JSON must hold lists of numbers by name, or rows as objects, not [[[["),
+        ('{"a":' * 100_000, "a.json: this is not JSON that can be read"),
+    ],
+)
+def test_json_that_is_no_recording(content, text, file):
+    assert refusal(file("a.json", content)).startswith(text)
+
+
+@pytest.mark.parametrize("number", ["9" * 5000, "1" + "0" * 400, "1e400", "-" + "9" * 5000])
+def test_numbers_that_no_float_holds_are_missing_numbers(number, file):
+    times, values = [*range(20)], [*range(20)]
+    content = f'{{"t": {times}, "x": {values}}}'.replace("7, 8, 9", f"7, {number}, 9").replace(number, "8", 1)
+    record = read(file("a.json", content))
+    assert record.signals["x"][8] == 8.0  # interpolated
+    assert "x" in record.notes[0]
+
+
+# ---- NumPy
+
+
+def npz(arrays, edit=lambda b: b):
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return edit(buffer.getvalue())
+
+
+def zeros_of(size):
+    """The stream of an array of zeros, its header true."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (size // 8,)})
+    return header.getvalue()
+
+
+def test_every_cut_and_every_changed_byte_of_an_archive(file):
+    whole = npz({"t": T, "x": np.sin(T)})
+    for k in range(0, len(whole), 7):
+        for content in (whole[:k], whole[:k] + bytes([whole[k] ^ 0xFF]) + whole[k + 1 :]):
+            try:
+                read(file("a.npz", content))
+            except DataError:
+                continue
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (",
+        "{'descr': '<q9', 'fortran_order': False, 'shape': (3,), }",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999999999999,), }",
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }",
+        "{'descr': '|O', 'fortran_order': False, 'shape': (3,), }",
+    ],
+)
+@pytest.mark.filterwarnings("ignore")
+def test_a_broken_header_of_an_array(header, file):
+    text = header.encode().ljust(117) + b"\n"
+    content = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + bytes(64)
+    assert refusal(file("a.npy", content)).startswith("a.npy: this is not a NPY file of plain numbers")
+
+
+def bomb(tmp_path, size=400_000_000):
+    """An archive of 0.4 MB with an array of 400 MB."""
+    path = tmp_path / "a.npz"
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("t.npy", "w", force_zip64=True) as part,
+    ):
+        part.write(zeros_of(size))
+        for _ in range(size // 4_000_000):
+            part.write(bytes(4_000_000))
+    return path
+
+
+def test_an_archive_is_measured_before_it_is_unpacked(tmp_path, monkeypatch):
+    path = bomb(tmp_path)
+    assert path.stat().st_size < 1_000_000
+    monkeypatch.setattr(memory, "free_memory", lambda: 1e9)
+    assert refusal(path) == "a.npz: reading it would take 1.2 GB of memory, and 1 GB are free."
+
+
+# ---- MAT 5
+
+
+def mat5(variable, compressed=False):
+    if compressed:
+        body = zlib.compress(variable)
+        variable = struct.pack("<II", 15, len(body)) + body
+    return b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\x00\x01IM" + variable
+
+
+def element(kind, body):
+    return struct.pack("<II", kind, len(body)) + body + bytes(-len(body) % 8)
+
+
+def matrix(of_class, *parts, size=(2, 1)):
+    flags, shape = struct.pack("<II", of_class, 0), struct.pack(f"<{len(size)}i", *size)
+    return element(14, element(6, flags) + element(5, shape) + element(1, b"x") + b"".join(parts))
+
+
+TWO = element(9, struct.pack("<2d", 1.0, 2.0))
+LENGTH = struct.pack("<HHi", 5, 4, 8)
+BROKEN = {
+    "a type that there is not": (matrix(6, element(197, bytes(16))), "type 197"),
+    "a short element of a type that there is not": (matrix(6, struct.pack("<HHI", 197, 1, 0)), "type 197"),
+    "fewer numbers than announced": (matrix(6, TWO, size=(2, 3)), "an array of 6 numbers has 2"),
+    "no class": (matrix(99, TWO), "there is no class 99 of arrays"),
+    "a size below nought": (matrix(6, TWO, size=(2, -1)), "has the size (2, -1)"),
+    "a billion cells": (matrix(1, size=(1 << 30, 1)), "1073741824 arrays are announced in"),
+    "fields of no length": (
+        matrix(2, struct.pack("<HHi", 5, 4, 0), element(1, b"a")),
+        "the names of fields do not fit their length",
+    ),
+    "fields of half a length": (matrix(2, LENGTH, element(1, b"abc")), "the names of fields do not fit their length"),
+    "numbers for an array": (matrix(1, TWO, TWO), "type 9 stands where an array is due"),
+    "an element beyond the end": (struct.pack("<II", 14, 1 << 30) + bytes(64), "is cut off"),
+    "sparse places beyond the size": (
+        matrix(5, element(5, struct.pack("<2i", 0, 1 << 30)), element(5, struct.pack("<2i", 0, 2)), TWO),
+        "the places of a sparse array do not fit its size",
+    ),
+    "nested without end": (None, "too deep"),
+}
+
+
+@pytest.mark.parametrize("compressed", [False, True], ids=["plain", "compressed"])
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_mat_file_that_scipy_would_follow_into_a_crash(case, compressed, file):
+    """Several of these end the process in SciPy's reader, so what is seen here is a refusal before it."""
+    variable, text = BROKEN[case]
+    if variable is None:
+        variable = matrix(6, TWO)
+        for _ in range(100):
+            variable = matrix(1, variable, size=(1, 1))
+    said = refusal(file("a.mat", mat5(variable, compressed)))
+    assert said.startswith("a.mat: this is not a MAT file that can be read (")
+    assert text in said
+
+
+def test_mat_files_of_scipy_are_whole(tmp_path):
+    from scipy.io import savemat
+    from scipy.sparse import csc_matrix
+
+    kinds = {
+        "t": T, "x": np.sin(T), "z": T + 1j, "text": "words", "texts": np.array(["a", "bb"], dtype=object),
+        "s": {"a": T, "b": {"c": "d"}}, "sparse": csc_matrix(np.eye(5)), "bits": T > 1, "small": np.int8([1, 2]),
+        "none": np.empty((0, 0)),
+    }  # fmt: skip
+    for compressed in (False, True):
+        savemat(tmp_path / "a.mat", kinds, do_compression=compressed)
+        assert set(read(tmp_path / "a.mat").names) >= {"x"}
+
+
+def test_a_variable_is_measured_while_it_is_unpacked(file, monkeypatch):
+    monkeypatch.setattr(memory, "free_memory", lambda: 1e8)
+    path = file("a.mat", mat5(element(14, bytes(200_000_000)), compressed=True))
+    assert "a variable, unpacked, would take" in refusal(path)
+
+
+# ---- HDF5 and MAT 7.3
+
+
+@pytest.fixture
+def hdf5(tmp_path):
+    h5py = pytest.importorskip("h5py")
+
+    def make(name, fill):
+        path = tmp_path / name
+        with h5py.File(path, "w", userblock_size=512 if name.endswith(".mat") else 0) as file:
+            file["t"], file["x"] = T, np.sin(T)
+            fill(h5py, file)
+        return path
+
+    return make
+
+
+def test_links_that_lead_nowhere(hdf5):
+    def fill(h5py, file):
+        file["x_out"] = h5py.SoftLink("/lost")
+
+    assert refusal(hdf5("a.mat", fill)) == "a.mat: 'x_out' is a link to what is not in the file."
+
+
+@pytest.mark.parametrize("group", [False, True])
+def test_links_into_other_files_are_refused(group, hdf5, tmp_path):
+    hdf5("secret.h5", lambda h5py, file: None)
+
+    def fill(h5py, file):
+        place = file.create_group("s") if group else file
+        place["x_out"] = h5py.ExternalLink(str(tmp_path / "secret.h5"), "/x")
+
+    said = refusal(hdf5("a.mat", fill))
+    assert said.startswith("a.mat: 'x_out' is a link into another file (")
+    assert said.endswith("/secret.h5: /x), which is not read.")
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.mat"])
+def test_data_in_other_files_are_refused(name, hdf5, tmp_path):
+    (tmp_path / "raw").write_bytes(np.sin(T).tobytes())
+
+    def outside(h5py, file):
+        file.create_dataset("x_out", T.shape, "f8", external=[(str(tmp_path / "raw"), 0, 160)])
+
+    def virtual(h5py, file):
+        layout = h5py.VirtualLayout(T.shape, "f8")
+        layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "x", T.shape)
+        file.create_virtual_dataset("x_out", layout)
+
+    for fill in (outside, virtual):
+        assert refusal(hdf5(name, fill)) == f"{name}: the data of '/x_out' are in another file, which is not read."
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.mat"])
+def test_what_a_file_announces_is_measured_before_it_is_read(name, hdf5):
+    def fill(h5py, file):
+        file.create_dataset("x_out", (10**7, 10**7), "f8", chunks=(1000, 1000), fillvalue=1.0)
+
+    said = refusal(hdf5(name, fill))
+    assert said.startswith(f"{name}: what it holds up to '/x_out' (10000000, 10000000) would take 800,000 GB of memory")
+
+
+def test_names_that_are_not_utf_8(hdf5):
+    def fill(h5py, file):
+        group = file.create_group("s")
+        h5py.h5d.create(group.id, b"x\xb5m", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple(T.shape))
+
+    assert refusal(hdf5("a.mat", fill)) == "a.mat: the name 'x�m' in it is not UTF-8 text."
+    assert "x" in read(hdf5("a.h5", fill)).names
+
+
+def test_groups_that_hold_themselves(hdf5):
+    def fill(h5py, file):
+        group = file.create_group("s")
+        for k in range(10):
+            group[f"again{k}"] = group
+
+    assert refusal(hdf5("a.mat", fill)) == "a.mat: it leads to more than 20,000 groups and data sets."
+
+
+# ---- memory
+
+
+def test_the_message_has_the_size_and_the_memory(monkeypatch):
+    monkeypatch.setattr(memory, "free_memory", lambda: 2e9)
+    memory.refuse_too_large(1.5e9, "this")
+    with pytest.raises(DataError, match=r"this would take 7.5 GB of memory, and 2 GB are free. Take less."):
+        memory.refuse_too_large(7.5e9, "this", "Take less.")
+
+
+def test_the_memory_of_this_machine_is_known():
+    assert 1e7 < memory.free_memory() < 1e16
+
+
+def test_a_limit_of_the_process_counts():
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    try:
+        resource.setrlimit(resource.RLIMIT_AS, (1 << 42, before[1]))
+        assert memory.free_memory() < 1 << 42
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def test_recordings_of_ours_are_read_again(tmp_path):
+    record = Record("ramp", T, {"x": np.sin(T)}, {"x": "rad"})
+    for kind in ("csv", "npz", "mat"):
+        record.save(tmp_path / f"a.{kind}")
+        assert np.array_equal(read(tmp_path / f"a.{kind}").signals["x"], np.sin(T))
