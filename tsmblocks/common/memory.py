@@ -49,7 +49,7 @@ def size_text(size: float) -> str:
 
 def _of_machine() -> float:
     with suppress(OSError, ValueError, IndexError):
-        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
+        for line in Path("/proc/meminfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("MemAvailable:"):
                 return 1024.0 * int(line.split()[1])
     with suppress(AttributeError, OSError, ValueError):  # where the system does not say what is free, what it has
@@ -60,8 +60,8 @@ def _of_machine() -> float:
 def _of_container() -> float:
     for limit, used, parts in _GROUPS:
         with suppress(OSError, ValueError):
-            most, now = int(limit.read_text(encoding="ascii")), int(used.read_text(encoding="ascii"))
-            rows = (line.split() for line in parts.read_text(encoding="ascii").splitlines())
+            most, now = int(limit.read_text(encoding="utf-8")), int(used.read_text(encoding="utf-8"))
+            rows = (line.split() for line in parts.read_text(encoding="utf-8").splitlines())
             cached = next((int(row[1]) for row in rows if row[0] in ("inactive_file", "total_inactive_file")), 0)
             return float(max(most - now + cached, 0))
     return float("inf")
@@ -76,6 +76,6 @@ def _of_process() -> float:
     if most == resource.RLIM_INFINITY:
         return float("inf")
     with suppress(OSError, ValueError, IndexError):
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[0])
         return float(max(most - pages * os.sysconf("SC_PAGE_SIZE"), 0))
     return float(most)
