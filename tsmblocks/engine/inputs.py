@@ -9,13 +9,35 @@ import math
 from functools import cached_property
 from typing import Any
 
+import attrs
 import numpy as np
 
-from tsmblocks.common.errors import DataError, in_words
+from tsmblocks.common.errors import DataError, RunError, in_words
 from tsmblocks.common.interpolation import AUTO, ORDERS, check_hold, found_hold
+from tsmblocks.common.memory import refuse_too_large
 
 LATE_SAMPLE = 1e-3
 """Share of a step by which a sample may be late and still counts at that step. Chosen: printed times are rounded."""
+
+
+@attrs.frozen
+class EvenInstants:
+    """The instants of a run, ``count`` of them a ``step`` apart, which become an array where one is needed."""
+
+    start: float
+    step: float
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, k: int) -> float:
+        return self.start + self.step * (k % self.count)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        """All instants. Raises RunError where they are more than the memory holds."""
+        refuse_too_large(2 * 8 * self.count, f"the times of {self.count:,} steps", "Take a longer step.", RunError)
+        return np.asarray(self.start + self.step * np.arange(self.count), dtype=dtype)
 
 
 class Signal:
@@ -24,11 +46,11 @@ class Signal:
     ``order`` is the highest derivative that is needed: a hold that is found from the samples has it.
     """
 
-    def __init__(self, name: str, given: Any, grid: np.ndarray, hold: str, order: int = 0) -> None:
+    def __init__(self, name: str, given: Any, grid: np.ndarray | EvenInstants, hold: str, order: int = 0) -> None:
         self.name = name
         self.function: Any = given if callable(given) else None
         if self.function is not None:
-            self.hold, self.t = "exact", grid
+            self.hold, self.t = "exact", np.array([grid[0], grid[-1]])
             return
         self.t, self.y, self.hold = _samples(name, given, grid, hold)
         self._check()
@@ -149,7 +171,7 @@ class Signal:
         return CubicSpline(self.t, self.y)
 
 
-def _samples(name: str, given: Any, grid: np.ndarray, hold: str) -> tuple[np.ndarray, np.ndarray, str]:
+def _samples(name: str, given: Any, grid: np.ndarray | EvenInstants, hold: str) -> tuple[np.ndarray, np.ndarray, str]:
     """Times [s], values and hold of what is given: samples, a pair of lists, values on the steps, or a number."""
     if hasattr(given, "t"):
         return _numbers(name, given.t), _numbers(name, given.y), given.hold
@@ -159,7 +181,7 @@ def _samples(name: str, given: Any, grid: np.ndarray, hold: str) -> tuple[np.nda
     if values.ndim == 0:
         if not np.isfinite(values):
             raise DataError(f"input '{name}' must be a finite number, got {values:g}.")
-        return grid[[0, -1]], np.full(2, values), "zero"
+        return np.array([grid[0], grid[-1]]), np.full(2, values), "zero"
     if values.ndim != 1:
         raise DataError(_kinds(name, given) + ".")
     if len(values) not in (len(grid), len(grid) - 1):
@@ -167,7 +189,7 @@ def _samples(name: str, given: Any, grid: np.ndarray, hold: str) -> tuple[np.nda
             f"input '{name}' has {len(values)} values, but the run has {len(grid)} instants. "
             "Give (times, values) when they are not on the steps."
         )
-    return grid, values if len(values) == len(grid) else np.append(values, values[-1]), hold
+    return np.asarray(grid), values if len(values) == len(grid) else np.append(values, values[-1]), hold
 
 
 def _numbers(name: str, given: Any) -> np.ndarray:

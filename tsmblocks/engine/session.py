@@ -14,9 +14,10 @@ import numpy as np
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each
+from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations, function_values
-from tsmblocks.engine.inputs import Signal, input_rows
+from tsmblocks.engine.inputs import EvenInstants, Signal, input_rows
 from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.methods import Method
 from tsmblocks.engine.plan import plan_for
@@ -78,6 +79,8 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
                 f"the delay of {name} is {steps * h:g} s, shorter than the step of {h:g} s. "
                 "Take a smaller step, or a DeadTime in its place."
             )
+    size = 8.0 * len(tau) * delay_capacity(tau)
+    refuse_too_large(size, f"the past of {len(tau)} delayed signals", "Take a longer step.", RunError)
     return tau
 
 
@@ -106,7 +109,9 @@ def start_memory(
     return kernel.memory(x, d, p, s, delay_capacity(check_delays(eq, p, h)))
 
 
-def gather_signals(eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray, hold: Hold) -> list[tuple[Signal, int]]:
+def gather_signals(
+    eq: Equations, inputs: Mapping[str, Any], grid: np.ndarray | EvenInstants, hold: Hold
+) -> list[tuple[Signal, int]]:
     """Signal and order of derivative of each sampled input. Raises DataError for missing or unknown inputs."""
     wanted = [f.name for f in eq.u if not f.block and not f.order]
     for name in inputs:

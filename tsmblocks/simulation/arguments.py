@@ -13,14 +13,17 @@ import numpy as np
 from tsmblocks.common.arguments import as_integer, as_list, as_number, as_positive
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.interpolation import AUTO, Hold
+from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.engine.equations import Equations
-from tsmblocks.engine.inputs import Signal
+from tsmblocks.engine.inputs import EvenInstants, Signal
 from tsmblocks.engine.methods import Method, method_named
 from tsmblocks.engine.session import gather_signals
 from tsmblocks.model.diagram import Diagram, required_diagram
 
 MOST_STEPS = 1e15
 """Steps of a run, at most. Derived: times of a double then still differ from step to step."""
+COPIES = 2
+"""Times that logged numbers are in memory. Derived: as rows of all signals, and by signal."""
 MOST_NUMBERS = 250_000_000
 """Logged numbers (2 GB) above which a run is refused. Chosen."""
 
@@ -95,7 +98,17 @@ class TimeGrid:
     @property
     def grid(self) -> np.ndarray:
         """Every instant, in s."""
-        return self.start + self.h * np.arange(self.steps + 1)
+        return np.asarray(self.instants)
+
+    @property
+    def instants(self) -> EvenInstants:
+        """The same, made where they are needed."""
+        return EvenInstants(self.start, self.h, self.steps + 1)
+
+    @property
+    def kept_instants(self) -> np.ndarray:
+        """The instants that are kept, in s."""
+        return self.start + self.h * (self.every * np.arange(self.kept))
 
     @property
     def kept(self) -> int:
@@ -142,7 +155,7 @@ class RunOptions:
 
     def signals(self, eq: Equations) -> list[tuple[Signal, int]]:
         """The signal behind each sampled input of the equations, with the order of its derivative. Raises DataError."""
-        return gather_signals(eq, self.inputs, self.times.grid, self.hold)
+        return gather_signals(eq, self.inputs, self.times.instants, self.hold)
 
 
 def logged_signals(
@@ -158,6 +171,8 @@ def logged_signals(
             f"{times.kept} instants of {len(chosen)} signals would take "
             f"{times.kept * len(chosen) * 8 / 1e9:.0f} GB. Keep less: log='outputs', or every={fewer}."
         )
+    size = COPIES * 8.0 * times.kept * len(chosen)
+    refuse_too_large(size, f"logging {times.kept:,} instants of {len(chosen)} signals", "Keep less.", RunError)
     return chosen, tuple(eq.y[k] for k in chosen)
 
 

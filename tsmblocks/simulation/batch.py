@@ -11,13 +11,14 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.arguments import as_integer
-from tsmblocks.common.errors import ParameterError, in_words
+from tsmblocks.common.errors import ParameterError, RunError, in_words
 from tsmblocks.common.interpolation import AUTO, Hold
+from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import RunOptions, TimeGrid, as_diagram, kept_columns, run_to_their_end
+from tsmblocks.simulation.arguments import COPIES, RunOptions, TimeGrid, as_diagram, kept_columns, run_to_their_end
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
 from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
@@ -112,7 +113,7 @@ class PreparedBatch:
     @property
     def t(self) -> np.ndarray:
         """The instants that are kept in s, shape (N,)."""
-        return self._times.grid[:: self._times.every]
+        return self._times.kept_instants
 
     @property
     def count(self) -> int:
@@ -136,6 +137,10 @@ class PreparedBatch:
 
         Call it from one thread at a time: it uses threads itself.
         """
+        if reduce is None:
+            size = COPIES * 8.0 * (last - first) * self._times.kept * len(self._columns)
+            hint = "Keep fewer outputs, or every; or give reduce."
+            refuse_too_large(size, f"the results of {last - first:,} runs", hint, RunError)
         lanes = self.lanes
         t, groups = self.t, range(first, last, lanes)
         # CasADi functions are not thread-safe, so all memory is made before.

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.errors import RunError
+from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.engine.backends import kernel_for
 from tsmblocks.engine.equations import Equations, function_values
 from tsmblocks.engine.inputs import Signal, input_rows
@@ -75,6 +77,9 @@ def whole_run(
     eq: Equations, kernel: Kernel, signals: list[tuple[Signal, int]], times: TimeGrid
 ) -> Callable[[Memory], np.ndarray]:
     """A function that runs from given memory to the end and returns the rows that are kept."""
+    instants = len(kernel.plan.method.instants)
+    size = 8.0 * (times.steps * instants * len(signals) + times.kept * kernel.layout_y.size)
+    refuse_too_large(size, f"the run of {times.steps:,} steps", "Take a longer step, or every.", RunError)
     rows = input_rows(signals, times.start, times.h, 0, times.steps, kernel.plan.method.instants)
     steps = Steps(times.start, times.h, 0, times.steps, True, steps_per_period(eq, times.h), times.every)
 

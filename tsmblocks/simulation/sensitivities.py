@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.common.arguments import as_list
-from tsmblocks.common.errors import ParameterError
+from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.common.interpolation import AUTO, Hold
+from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns, run_to_their_end
@@ -88,6 +89,8 @@ def sensitivities_of(
     (shown, chosen, columns), lanes = kept_columns(eq, outputs), directions(len(known))
     kernel = tangent_kernel(eq, options.rule, chosen, lanes, options.backend)
     whole = whole_run(eq, kernel, options.signals(eq), times)
+    size = 8.0 * times.kept * len(shown) * len(known)
+    refuse_too_large(size, f"the sensitivities at {times.kept:,} instants", "Keep fewer: every, outputs.", RunError)
     jacobian = np.empty((times.kept, len(shown), len(known)))
     for first in range(0, len(known), lanes):
         part = known[first : first + lanes]
@@ -98,4 +101,4 @@ def sensitivities_of(
             wide = lane_columns(y, kernel, len(chosen) + column, lanes)
             jacobian[:, i, first : first + len(part)] = wide[:, : len(part)]
     values = np.column_stack([y[:, kernel.layout_y.offset[c]] for c in columns])
-    return Sensitivities(times.grid[:: times.every], values, jacobian, tuple(shown), tuple(names))
+    return Sensitivities(times.kept_instants, values, jacobian, tuple(shown), tuple(names))
