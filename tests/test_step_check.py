@@ -1,6 +1,7 @@
 """A run whose step is too long says so: which signal is wrong, when, by how much, and what would do."""
 
 import json
+import re
 import sys
 import warnings
 from pathlib import Path
@@ -232,10 +233,15 @@ def test_it_can_be_left_out(tmp_path, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_a_diagram_whose_poles_were_warned_of_is_not_warned_of_twice():
-    with pytest.warns(StepWarning, match="fastest pole") as caught:
-        tsm.simulate(oscillator(10.0), stop=0.5, step=0.1)
-    assert len(caught) == 1
+def test_of_poles_and_of_the_run_there_is_one_warning():
+    """Stiff at the start, where it grows for a moment, and wrong by far later on."""
+    said, _ = warned(oscillator(10.0), stop=0.5, step=0.1)
+    assert len(said) == 1
+    assert "needs a step below about" in said[0]
+    assert re.search(r"there, an implicit method \(sdirk2\) does not\. In this run v\.\w+ is \S+ at t = ", said[0])
+    assert re.search(r"\. A step of 0\.0\d+ s .*would do\.$", said[0])
+    plain, _ = warned(oscillator(10.0), stop=0.5, step=0.1, check_step=False)
+    assert said[0].startswith(plain[0])
 
 
 # ---- however it is run
@@ -368,6 +374,88 @@ def test_a_sampled_controller_at_every_step_is_taken_in_half_steps():
     assert warned(diagram, stop=5.0, step=0.005)[0] == []
     said, _ = warned(diagram, stop=5.0, step=0.02)
     assert len(said) == 1
+
+
+# ---- of many sets
+
+
+MU = {"v.mu": [0.1, 1.0, 5.0]}
+ONE_OF_THREE = " Of 3 sets of parameters that were checked this concerns 1, most of all v.mu = 5."
+
+
+def batches(step, **how):
+    return {
+        "batch": lambda: tsm.simulate_batch(oscillator(), MU, stop=50.0, step=step, **how),
+        "study": lambda: tsm.study(oscillator(), MU, "rms(y)", stop=50.0, step=step, **how),
+        "responses": lambda: tsm.studies.responses(oscillator(), tsm.studies.table(MU), stop=50.0, step=step, **how),
+    }
+
+
+@pytest.mark.parametrize("kind", ["batch", "study", "responses"])
+@pytest.mark.parametrize("backend", ["", "casadi"])
+def test_of_many_sets_the_worst_is_said_in_one_warning(kind, backend):
+    with pytest.warns(StepWarning) as caught:
+        batches(0.1, backend=backend)[kind]()
+    assert len(caught) == 1
+    said = str(caught[0].message)
+    assert said.startswith("diagram 'van der pol': the step of 0.1 s is too long for this run: v.")
+    assert said.endswith(ONE_OF_THREE)
+    assert Path(caught[0].filename) == Path(__file__)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", StepWarning)
+        batches(0.005, backend=backend)[kind]()
+        with no_step_warnings():
+            batches(0.1, backend=backend)[kind]()
+
+
+def test_tuning_says_it_of_its_bounds():
+    def tuned(step):
+        tsm.tune(oscillator(), {"v.mu": (0.5, 5.0)}, "rms(y)", stop=20.0, step=step, starts=1)
+
+    with pytest.warns(StepWarning) as caught:
+        tuned(0.1)
+    assert [Path(one.filename) for one in caught] == [Path(__file__)]
+    assert str(caught[0].message).endswith("this concerns 1, most of all v.mu = 5.")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", StepWarning)
+        tuned(0.005)
+
+
+def test_the_error_that_is_said_of_a_set_is_that_of_its_run():
+    with pytest.warns(StepWarning) as caught:
+        batches(0.1)["batch"]()
+    said, _ = warned(oscillator(5.0), stop=50.0, step=0.1)
+    assert str(caught[0].message) == said[0] + ONE_OF_THREE
+
+
+@pytest.mark.parametrize("sets", [200, 2000])
+def test_a_batch_is_checked_in_a_tenth_of_its_steps(sets, monkeypatch):
+    taken = []
+    advance = CompiledKernel.advance
+
+    def counted(self, memory, u, y, steps):
+        taken.append(steps.n)
+        advance(self, memory, u, y, steps)
+
+    monkeypatch.setattr(CompiledKernel, "advance", counted)
+    gains = {"pid.kp": np.linspace(0.5, 2.0, sets)}
+    tsm.simulate_batch(tsm.load("fig16_feedforward_feedback"), gains, stop=2.0, outputs=["x_out"])
+    groups = -(-sets // 32)
+    assert groups * 2000 < sum(taken) < 1.1 * groups * 2000
+
+
+@LONG
+def test_inputs_that_are_held_and_signals_that_jump_are_no_error_of_the_step():
+    blocks = {"lag": FirstOrderLag(time_constant=0.5), "relay": Relay(on=0.5, off=-0.5)}
+    wires = ["lag -> relay"]
+    diagram = tsm.Diagram(
+        title="held", blocks=blocks, wires=wires, inputs={"u": "lag"}, outputs={"y": "lag", "z": "relay"}
+    )
+    t = np.arange(0.0, 5.0, 0.01)
+    u = np.sign(np.sin(2 * t))
+    sets = {"lag.time_constant": np.linspace(0.3, 1.0, 40)}
+    for hold in ("zero", "linear"):
+        tsm.simulate_batch(diagram, sets, inputs={"u": (t, u)}, hold=hold, stop=4.9, step=0.005)
 
 
 # ---- on random diagrams

@@ -17,13 +17,23 @@ from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.engine.kernel import Kernel, Memory
+from tsmblocks.engine.methods import Method
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import COPIES, RunOptions, TimeGrid, as_diagram, kept_columns, run_to_their_end
+from tsmblocks.simulation.batch_check import SideBySide, finding_of_run
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
 from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
 from tsmblocks.simulation.lanes import batch_kernel, lane_columns, lane_memory, lanes_for, whole_run
-from tsmblocks.simulation.stability import RunStart, extreme_sets, set_text, warn_of_fast_poles
+from tsmblocks.simulation.stability import (
+    RunStart,
+    concerned,
+    extreme_sets,
+    fast_poles,
+    set_text,
+    step_warnings_are_off,
+)
+from tsmblocks.simulation.step_check import warn_of_step
 
 Reduce = Callable[[np.ndarray, dict[str, np.ndarray]], Mapping[str, np.ndarray]]
 
@@ -90,7 +100,7 @@ def simulate_batch(
     """
     options = RunOptions(stop, step, start, method, inputs, hold, every, backend, loops)
     made = batch_of(diagram, parameters, options, outputs)
-    warn_of_fast_poles([made.run_start(k) for k in extreme_sets(made.sets)], options.rule, step)
+    warn_of_sets([made.run_start(k) for k in extreme_sets(made.sets)], [made])
     return Batch(made.sets, made.results(0, made.count, reduce, threads), made.t, {} if reduce else made.units)
 
 
@@ -109,6 +119,7 @@ class PreparedBatch:
     _columns: Mapping[str, int]
     _times: TimeGrid
     _signals: list[tuple[Signal, int]]
+    _backend: str
 
     @property
     def t(self) -> np.ndarray:
@@ -164,12 +175,82 @@ class PreparedBatch:
         p[[self._eq.p.index(name) for name in numbers]] = list(numbers.values())
         return RunStart(self._eq, p, self._times.start, self._signals, label=set_text(numbers))
 
+    def wrong_sets(self, runs: int | None = None) -> WrongSets | None:
+        """Those of a few sets, the extremes among them, whose step is too long; ``runs`` are there in all."""
+        some = [
+            *extreme_sets(self.sets),
+            self.count - 1,
+            *np.linspace(0, self.count - 1, self.lanes).astype(int).tolist(),
+        ]
+        chosen = list(dict.fromkeys(some))[: self.lanes]
+        p = self._of_sets(np.resize(chosen, self.lanes))
+        side = SideBySide(self._eq, self._kernel, self._signals, self._times, p)
+        gaps = side.wrong(runs or self.count)[: len(chosen)]
+        worst = int(np.argmax(gaps))
+        text = finding_of_run(side, worst, self._backend) if gaps[worst] else ""
+        return WrongSets(chosen[worst], float(gaps[worst]), int((gaps > 0).sum()), len(chosen), text) if text else None
+
+    @property
+    def title(self) -> str:
+        """The title of the diagram."""
+        return self._eq.title
+
+    @property
+    def method(self) -> Method:
+        """The integration method."""
+        return self._kernel.plan.method
+
+    @property
+    def step(self) -> float:
+        """The step in s."""
+        return self._times.h
+
     def _parameters(self, first: int) -> np.ndarray:
         """Parameters of the sets from ``first`` on, one set per lane; unused lanes repeat the last set."""
+        return self._of_sets(np.minimum(np.arange(first, first + self.lanes), self.count - 1))
+
+    def _of_sets(self, chosen: np.ndarray) -> np.ndarray:
+        """Parameters of these sets, one set per lane."""
         p = np.repeat(self._base[:, None], self.lanes, axis=1)
         for name, values in self.sets.items():
-            p[self._eq.p.index(name)] = values[np.minimum(np.arange(first, first + self.lanes), len(values) - 1)]
+            p[self._eq.p.index(name)] = values[chosen]
         return p
+
+
+@attrs.frozen
+class WrongSets:
+    """Sets whose step is too long: the worst, how far off it is, how many ``of`` those checked, and what was found."""
+
+    worst: int
+    gap: float
+    count: int
+    of: int
+    finding: str
+
+
+def warn_of_sets(
+    starts: Sequence[RunStart],
+    batches: Sequence[PreparedBatch],
+    label: Callable[[int, int], str] | None = None,
+    runs: int | None = None,
+    stacklevel: int = 4,
+) -> None:
+    """Warn once of a step that is too long for the poles of the runs, or for the runs of a few sets as they go.
+
+    By default the warning is given at the line that called the caller. ``label`` names a set of a batch, by their
+    positions; ``runs`` are there in all, those of the batches unless given.
+    """
+    first = batches[0]
+    poles = fast_poles(starts, first.method, first.step)
+    if poles or step_warnings_are_off():
+        warn_of_step(first.title, first.step, poles, "", stacklevel)
+        return
+    found = [(one, k) for k, batch in enumerate(batches) if (one := batch.wrong_sets(runs)) is not None]
+    if found:
+        worst, k = max(found, key=lambda one: one[0].gap)
+        name = label(k, worst.worst) if label else batches[k].run_start(worst.worst).label
+        which = concerned(sum(batch.of for batch, _ in found), sum(batch.count for batch, _ in found), name)
+        warn_of_step(first.title, first.step, "", worst.finding, stacklevel, f" {which}")
 
 
 def batch_of(
@@ -197,4 +278,5 @@ def batch_of(
     signals = options.signals(eq)
     whole = whole_run(eq, kernel, signals, times)
     placed = dict(zip(names, columns, strict=True))
-    return PreparedBatch(sets, eq, kernel, whole, parameter_vector(eq, diagram), placed, times, signals)
+    base = parameter_vector(eq, diagram)
+    return PreparedBatch(sets, eq, kernel, whole, base, placed, times, signals, options.backend)

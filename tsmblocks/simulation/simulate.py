@@ -20,8 +20,8 @@ from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
 from tsmblocks.simulation.singular_loops import with_determinants, without_determinants
-from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
-from tsmblocks.simulation.step_check import prepared, taken
+from tsmblocks.simulation.stability import RunStart, fast_poles
+from tsmblocks.simulation.step_check import prepared, taken, warn_of_step
 from tsmblocks.simulation.stop_condition import Ended, condition_of, run_until, stop_condition, watched
 
 
@@ -154,19 +154,20 @@ def simulate(
         origin, k = times.start, 0
     signals, hits = options.signals(eq), steps_per_period(eq, h)
     session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
-    warned = warn_of_fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
+    poles = fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
     if locate:
         session = locating(session, backend)
     whole = locate or condition is not None
-    check = prepared(session, times.steps, chosen, whole) if check_step and not warned else None
+    check = prepared(session, times.steps, chosen, whole) if check_step else None
     if condition is None:
         rows, stopped = session.run(times.steps, progress)
         ended = Ended(rows, session, stopped)
     else:
         ended = run_until(session, times.steps, watched(eq, condition, chosen), progress)
     stopped, run = ended.stopped, _result(ended, names, p, k, origin, h, text)
-    if check is not None and stopped is None:
-        check.warn(taken(check, ended, k, origin, h, chosen, backend), 3)
+    ran = check is not None and stopped is None
+    finding = check.finding(taken(check, ended, k, origin, h, chosen, backend)) if check and ran else ""
+    warn_of_step(eq.title, h, poles, finding, 3)
     if stopped is None or stopped.interrupted:
         return run
     last = Session(eq, kernel, stopped.memory, signals, origin, h, 1, stopped.k, hits)

@@ -53,23 +53,34 @@ def warn_of_fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> bool
 
     One warning reports the worst of several runs, at the line that called the caller.
     """
+    text = fast_poles(runs, rule, h)
+    if text:
+        warnings.warn(text, StepWarning, stacklevel=3)
+    return bool(text)
+
+
+def fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> str:
+    """The warning of a mode that decays and would grow under this method at this step of ``h`` [s]; empty for none."""
     if _SILENT.get():
-        return False
+        return ""
     checked = [(fastest_growing_pole(one, rule, h), one) for one in runs]
     growing = [(*found, one) for found, one in checked if found is not None]
     if not growing:
-        return False
+        return ""
     pole, state, worst = max(growing, key=lambda one: abs(one[0]))
-    affected = f"Of {len(checked)} sets of parameters that were checked this concerns {len(growing)}, most of all"
-    which = f" {affected if len(checked) > 1 else 'This is with'} {worst.label}." if worst.label else ""
-    warnings.warn(
+    which = f" {concerned(len(checked), len(growing), worst.label)}" if worst.label else ""
+    return (
         f"diagram '{worst.eq.title}': the step of {h:g} s is too long for the fastest pole "
         f"({abs(pole):.3g} rad/s, at {state}); {rule.name} needs a step below about "
-        f"{rule.real_limit / abs(pole):.2g} s there, an implicit method (sdirk2) does not.{which}",
-        StepWarning,
-        stacklevel=3,
+        f"{rule.real_limit / abs(pole):.2g} s there, an implicit method (sdirk2) does not.{which}"
     )
-    return True
+
+
+def concerned(checked: int, found: int, worst: str) -> str:
+    """Which sets of parameters a warning is about."""
+    if checked == 1:
+        return f"This is with {worst}."
+    return f"Of {checked} sets of parameters that were checked this concerns {found}, most of all {worst}."
 
 
 def step_warnings_are_off() -> bool:

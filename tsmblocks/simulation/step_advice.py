@@ -127,8 +127,8 @@ def _other_methods(run: Taken, k: int, halved: int) -> list[str]:
 # ---- text
 
 
-def step_message(found: Examined, remedy: Advice, tolerance: float) -> str:
-    """The warning: the worst state, when, by how much, and what would do."""
+def step_finding(found: Examined, remedy: Advice, tolerance: float) -> str:
+    """What is found: the worst state, when, by how much, and what would do."""
     run, k = found.run, -(-found.part.k // found.run.every) * found.run.every
     session = run.session
     error = found.error(found.states)
@@ -141,14 +141,15 @@ def step_message(found: Examined, remedy: Advice, tolerance: float) -> str:
     size = error[worst, signal] * run.weights[signal]
     share = f" (it is off by {_percent(size)})" if math.isfinite(size) else ""
     return (
-        f"diagram '{session.eq.title}': the step of {session.h:g} s is too long for this run: {name} is {value} at "
-        f"t = {most}, where shorter steps give {right}{share}. It begins to differ at t = {began}. "
-        f"{_remedy(session, found, remedy)}"
+        f"{name} is {value} at t = {most}, where shorter steps give {right}{share}. It begins to differ at "
+        f"t = {began}. {_remedy(session, found, remedy)}"
     )
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} % of its largest value" if share < 3 else f"{share:.3g} times its largest value"
+    if share < 3:
+        return f"{100 * share:.{2 if share < 1 else 3}g} % of its largest value"
+    return f"{share:.3g} times its largest value"
 
 
 def _remedy(session: Session, found: Examined, remedy: Advice) -> str:

@@ -20,7 +20,7 @@ from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.session import Session
 from tsmblocks.simulation.repeated_steps import Interrupted, Part, Taken, scale_of
 from tsmblocks.simulation.stability import StepWarning, step_warnings_are_off
-from tsmblocks.simulation.step_advice import Examined, advice, step_message
+from tsmblocks.simulation.step_advice import Examined, advice, step_finding
 from tsmblocks.simulation.step_look import (
     DRIFT_STEPS,
     EXAMINED_STEPS,
@@ -50,25 +50,32 @@ _VERDICTS: OrderedDict[Any, str] = OrderedDict()
 
 @attrs.frozen(eq=False)
 class StepCheck:
-    """A check that is under way: ``begin`` is the memory before the first step; of a run known already, its verdict."""
+    """A check that is under way: ``begin`` is the memory before the first step; of a known run, what was found."""
 
     key: Any
     begin: Memory | None
-    verdict: str = ""
+    known: str = ""
 
-    def warn(self, run: Taken | None, stacklevel: int) -> None:
-        """Give the warning of the run, if there is one."""
-        text = self.verdict
-        if self.begin is not None and run is not None:
-            try:
-                text = verdict(run)
-            except Interrupted:
-                return
-            _VERDICTS[self.key] = text
-            while len(_VERDICTS) > MOST_KEPT:
-                _VERDICTS.popitem(last=False)
-        if text:
-            warnings.warn(text, StepWarning, stacklevel=stacklevel)
+    def finding(self, run: Taken | None) -> str:
+        """Where the step of the run was too long, by how much, and what would do; empty where it was short enough."""
+        if self.begin is None or run is None:
+            return self.known
+        try:
+            text = verdict(run)
+        except Interrupted:
+            return ""
+        _VERDICTS[self.key] = text
+        while len(_VERDICTS) > MOST_KEPT:
+            _VERDICTS.popitem(last=False)
+        return text
+
+
+def warn_of_step(title: str, h: float, poles: str, finding: str, stacklevel: int, which: str = "") -> None:
+    """Give one warning of what is known of a step of ``h`` [s]: of the fastest ``poles``, and of the run as it went."""
+    head = poles or f"diagram '{title}': the step of {h:g} s is too long for this run:"
+    if poles or finding:
+        said = f" In this run {finding}" if poles and finding else f" {finding}" if finding else ""
+        warnings.warn(f"{head}{said}{which}", StepWarning, stacklevel=stacklevel)
 
 
 def prepared(session: Session, steps: int, logged: tuple[int, ...], whole: bool) -> StepCheck | None:
@@ -122,7 +129,7 @@ def taken(
 
 
 def verdict(run: Taken) -> str:
-    """The warning of a run; empty where its step was short enough."""
+    """What is found of a run; empty where its step was short enough."""
     with np.errstate(all="ignore"):
         try:
             found = [one for part in doubts(run) if (one := _examined(with_outputs(run, [part]), part)) is not None]
@@ -131,7 +138,7 @@ def verdict(run: Taken) -> str:
         if not found:
             return ""
         worst = max(found, key=lambda one: one.gaps[0])
-        return step_message(worst, advice(worst, TOLERANCE), TOLERANCE)
+        return step_finding(worst, advice(worst, TOLERANCE), TOLERANCE)
 
 
 def _examined_without_location(run: Taken) -> list[Examined]:

@@ -74,8 +74,8 @@ def with_outputs(run: Taken, parts: Sequence[Part]) -> Taken:
     firsts = [(part.k - run.k) // run.every for part in parts]
     length = min(parts[0].n // run.every + 1, len(run.rows) - max(firsts))
     rows = np.stack([run.rows[first : first + length, columns] for first in firsts])
-    large = JUMP * np.ptp(run.sample[:, columns], axis=0)
-    smooth = [one for one, jumps in zip(others, _jump(rows, large), strict=True) if not jumps]
+    extent = np.ptp(run.sample[:, columns], axis=0)
+    smooth = [one for one, jumps in zip(others, jump_in(rows, extent), strict=True) if not jumps]
     return attrs.evolve(run, watched=(*run.watched, *smooth), weights=np.append(run.weights, np.ones(len(smooth))))
 
 
@@ -84,8 +84,9 @@ def _shown(eq: Equations) -> set[int]:
     return {eq.y.index(signal) for signal in eq.aliases.values()}
 
 
-def _jump(y: np.ndarray, large: np.ndarray) -> np.ndarray:
-    """Which signals, of shape (parts, rows, signals), jump by more than is ``large`` of each from a row to the next."""
+def jump_in(y: np.ndarray, extent: np.ndarray) -> np.ndarray:
+    """Which signals, of shape (parts, rows, signals), jump from a row to the next; ``extent`` is the range of each."""
+    large = JUMP * extent
     change = np.abs(np.diff(y, axis=1))
     if change.shape[1] < 3 or not (change.max(axis=(0, 1)) > large).any():
         return np.zeros(len(large), dtype=bool)

@@ -15,9 +15,9 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, as_diagram
-from tsmblocks.simulation.stability import warn_of_fast_poles
+from tsmblocks.simulation.batch import warn_of_sets
 from tsmblocks.studies.plans import Plan
-from tsmblocks.studies.runner import grouped, run_starts
+from tsmblocks.studies.runner import grouped, run_starts, set_labels
 from tsmblocks.studies.study import filled_plan, signal_units
 
 
@@ -155,7 +155,7 @@ def responses(
     options = RunOptions(stop, step, start, method, inputs, hold, every, backend)
     groups = grouped(diagram, plan.columns, options)
     batches = [group.batch(names) for group in groups]
-    warn_of_fast_poles(run_starts(groups, batches, plan.columns), options.rule, step)
+    warn_of_sets(run_starts(groups, batches, plan.columns), batches, set_labels(groups, plan.columns))
     t = batches[0].t
     made = {name: np.empty((len(plan), len(t))) for name in names}
     for group, batch in zip(groups, batches, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from functools import partial
 from pickle import PicklingError
@@ -255,6 +255,14 @@ def run_starts(
     made = []
     for run in list(chosen)[:MOST_CHECKED]:
         k, at = next((k, at[0]) for k, one in enumerate(groups) if len(at := np.flatnonzero(one.runs == run)))
-        label = set_text({name: plain(values[run]) for name, values in columns.items()})
-        made.append(attrs.evolve(batches[k].run_start(int(at)), label=label))
+        made.append(attrs.evolve(batches[k].run_start(int(at)), label=_label(columns, run)))
     return made
+
+
+def set_labels(groups: Sequence[Runs], columns: Mapping[str, np.ndarray]) -> Callable[[int, int], str]:
+    """A function that names a set by the positions of its group and of the set in it."""
+    return lambda group, k: _label(columns, int(groups[group].runs[k]))
+
+
+def _label(columns: Mapping[str, np.ndarray], run: int) -> str:
+    return set_text({name: plain(values[run]) for name, values in columns.items()})

@@ -22,11 +22,19 @@ from tsmblocks.metrics.metrics import metrics as read_metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
 from tsmblocks.simulation.arguments import RunOptions, as_diagram
+from tsmblocks.simulation.batch import warn_of_sets
 from tsmblocks.simulation.compiled import equations
-from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies.plans import Plan, grid
 from tsmblocks.studies.results import Results, described_results
-from tsmblocks.studies.runner import PieceResult, checked_batches, grouped, run_in_process, run_on_executor, run_starts
+from tsmblocks.studies.runner import (
+    PieceResult,
+    checked_batches,
+    grouped,
+    run_in_process,
+    run_on_executor,
+    run_starts,
+    set_labels,
+)
 from tsmblocks.studies.store import FORMAT, Store
 
 Progress = Callable[[int, int], Any]
@@ -117,7 +125,8 @@ def study(
     if threads is not None:
         as_integer("threads", threads, 1)
     groups = grouped(diagram, plan.columns, options)
-    warn_of_fast_poles(run_starts(groups, checked_batches(groups, wanted), plan.columns), options.rule, step)
+    batches = checked_batches(groups, wanted)
+    warn_of_sets(run_starts(groups, batches, plan.columns), batches, set_labels(groups, plan.columns))
     facts = _facts(title or diagram.title, diagram, plan, wanted, options)
     titles = ("run", *plan.columns, *(heading(one.name, one.unit) for one in wanted))
     store = Store(_path(out), facts, titles, tuple(plan.columns.values()))

@@ -12,10 +12,11 @@ import numpy as np
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions
+from tsmblocks.simulation.batch import PreparedBatch, warn_of_sets
 from tsmblocks.simulation.sensitivities import sensitivities_of
 from tsmblocks.simulation.stability import MOST_CHECKED, RunStart, no_step_warnings
 from tsmblocks.studies import Uniform, latin_hypercube, study, table
-from tsmblocks.studies.runner import checked_batches, grouped, run_starts
+from tsmblocks.studies.runner import checked_batches, grouped, run_starts, set_labels
 from tsmblocks.tuning.constraints import LIMIT_MARGIN, LIMIT_TOLERANCE, Limit
 from tsmblocks.tuning.smooth_metrics import DifferentiableMetric, differentiable
 
@@ -160,17 +161,28 @@ class Search:
         bad = ~np.isfinite(goal) | np.isnan(most)
         return Measured(sets, results, np.where(bad, np.inf, goal), np.where(bad, np.inf, most))
 
-    def run_starts(self, own: Mapping[str, float]) -> list[RunStart]:
-        """Starts of runs with the diagrams' ``own`` parameters, and in the first case with each at its bounds."""
+    def warn_of_step(self, own: Mapping[str, float]) -> None:
+        """Warn, at the line that called the caller, of a step that is too long for runs with the diagrams' ``own``
+        parameters, or in the first case for those with each at its bounds.
+        """
         ends = [{**own, name: end} for name, one in self.bounds.items() for end in (one.low, one.high)]
         columns = {name: np.array([one[name] for one in (own, *ends)]) for name in own}
-        starts: list[RunStart] = []
+        starts, batches = list[RunStart](), list[PreparedBatch]()
+        names = list[tuple[str, Callable[[int, int], str], int]]()
         for case, diagram in list(self.cases.items())[:MOST_CHECKED]:
-            groups = grouped(diagram, columns, self.options)
-            checked = run_starts(groups, checked_batches(groups, self.metrics), columns)[: 1 if starts else None]
+            some = columns if not starts else {name: values[:1] for name, values in columns.items()}
+            groups = grouped(diagram, some, self.options)
             named = f"case '{case}', " if len(self.cases) > 1 else ""
-            starts += [attrs.evolve(one, label=named + one.label) for one in checked]
-        return starts[:MOST_CHECKED]
+            made, label = checked_batches(groups, self.metrics), set_labels(groups, some)
+            batches += made
+            names += [(named, label, at) for at in range(len(made))]
+            starts += [attrs.evolve(one, label=named + one.label) for one in run_starts(groups, made, some)]
+
+        def name(batch: int, k: int) -> str:
+            named, label, at = names[batch]
+            return named + label(at, k)
+
+        warn_of_sets(starts[:MOST_CHECKED], batches, name, RANDOM_SETS, 5)
 
     def promising(self, own: Mapping[str, float], count: int, seed: int) -> list[dict[str, float]]:
         """The best of some random sets, those that meet the limits first.

@@ -15,7 +15,6 @@ from tsmblocks.metrics.metrics import Metric, metrics
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.edits import near_path
 from tsmblocks.simulation.arguments import RunOptions, as_diagram
-from tsmblocks.simulation.stability import warn_of_fast_poles
 from tsmblocks.studies import Plan, Uniform
 from tsmblocks.studies.distributions import uniform_between
 from tsmblocks.studies.study import signal_units
@@ -130,7 +129,7 @@ def tune(
     search = Search(cases, bounds, goal, limits, options, threads)
     own = {name: first.parameters[name] for name in bounds}
     starting_points = [own, *search.promising(own, as_integer("starts", starts, 1) - 1, seed)]
-    warn_of_fast_poles(search.run_starts(own), options.rule, step)
+    search.warn_of_step(own)
     trails, status = _searches(search, starting_points, report)
     if all(one.low <= own[name] <= one.high for name, one in bounds.items()):
         trails[0].insert(0, own)  # the result is never worse
