@@ -17,6 +17,7 @@ import attrs
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import DiagramError, ParameterError, TsmError, in_words
+from tsmblocks.common.kept import KeptFor
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.model import edits, unit_inference, validation
@@ -50,6 +51,12 @@ class Inlet:
     ports: tuple[str, ...] = attrs.field(converter=_ports, eq=frozenset)
     unit: str = ""
     about: str = ""
+
+
+@KeptFor
+def _numbers(block: Block) -> dict[str, float]:
+    """The numbers of a block's parameters by name, without references."""
+    return {k: x for name, value in block.parameters.items() for k, x in leaves(value, name) if not is_reference(x)}
 
 
 def _frozen(given: Any) -> Any:
@@ -229,12 +236,10 @@ class Diagram:
 
         Entries of the ``values`` table are listed under their own name, not under the blocks that refer to them.
         """
-        made: dict[str, float] = {}
-        for _, name, kind, value in self._entries():
-            if type(value) is float and kind != "option":  # most are, and this is asked for at every run
-                made[name] = value
-            elif kind != "option":
-                made |= {k: x for k, x in leaves(value, name) if not is_reference(x)}
+        made = {k: x for name, value in self.values.items() for k, x in leaves(value, name) if not is_reference(x)}
+        for name, block in self.blocks.items():  # this is asked for at every run with other numbers
+            numbers = block.parameters if isinstance(block, Diagram) else _numbers(block)
+            made |= {f"{name}.{key}": value for key, value in numbers.items()}
         return made
 
     def _entries(self, prefix: str = "") -> Iterator[tuple[Diagram, str, str, Any]]:

@@ -11,6 +11,7 @@ from tsmblocks.common.kept import KeptFor
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.compiler.dependencies import nesting
 from tsmblocks.engine.equations import Equations
+from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 
@@ -27,8 +28,7 @@ def signature(diagram: Diagram) -> Any:
         if isinstance(block, Diagram):
             parts.append((name, signature(block)))
         else:
-            shape = tuple((k, nesting(v)) for k, v in block.parameters.items())
-            parts.append((name, type(block), shape, tuple(block.options.items())))
+            parts.append((name, _block_signature(block)))
     inlets = tuple((k, v.unit, diagram.inlets[k]) for k, v in diagram.inputs.items())
     shown = (tuple(diagram.outputs.items()), tuple(diagram.output_units.items()))
     return (tuple(parts), frozenset(diagram.links), inlets, *shown, tuple(diagram.values))
@@ -80,6 +80,13 @@ def _compiled(diagram: Diagram, refuse: bool) -> Equations:
     if refuse and found.loops:
         compile_diagram(diagram, refuse_loops=True)  # raises
     return found
+
+
+@KeptFor
+def _block_signature(block: Block) -> Any:
+    """Everything about a block except its parameter values; most blocks stay where a parameter changes."""
+    shape = tuple((k, nesting(v)) for k, v in block.parameters.items())
+    return type(block), shape, tuple(block.options.items())
 
 
 @KeptFor
