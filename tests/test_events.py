@@ -16,6 +16,7 @@ from tsmblocks.blocks import (
     Constant,
     DeadZone,
     Delay,
+    ElasticBacklash,
     FirstOrderLag,
     Gain,
     Integrator,
@@ -518,6 +519,15 @@ def test_a_jump_off_the_grid_is_located():
     run = simulate(d, stop=1.0, step=0.05, locate=True)
     assert np.abs(run["x"] - np.maximum(run.t - 1 / 3, 0)).max() < INSTANT
     assert abs(instants(run)[0] - 1 / 3) < INSTANT
+
+
+def test_comparisons_of_a_block_that_change_at_one_instant_are_listed_once_each_way():
+    """The two limits of elastic play are maxima alike, and its direction turns both."""
+    blocks = dict(s=Sine(frequency=0.5), lag=FirstOrderLag(time_constant=0.05), play=ElasticBacklash(half_width=0.2))
+    d = Diagram(title="play", blocks=blocks, wires=["s -> lag -> play"], outputs={"y": "play"})
+    events = simulate(d, stop=4.0, step=0.01, locate=True).events
+    assert len({event.t for event in events}) == 11
+    assert len(set(events)) == len(events) == 20
 
 
 def test_rows_stay_on_the_grid_whatever_is_kept():

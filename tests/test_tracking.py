@@ -279,6 +279,9 @@ REFUSED = {
     GUARD.replace("format = 1", "format = 2"): "1: format = 1 is needed, got 2.",
     GUARD.replace("rms(u)", "rms(w)"): "8: metric 'effort': there is no signal 'w'.",
     GUARD.replace('"loose"', '"lose"'): "8: tolerance of 'effort': there is no class 'lose'. Did you mean 'loose'?",
+    GUARD.replace(
+        '"loose"', "3"
+    ): "8: tolerance of 'effort': there is no class 3. Known here: coarse, exact, loose, normal, tight.",
     GUARD.replace("tolerance", "tolerence"): "8: 'tolerence' is not a key of a metric. Did you mean 'tolerance'?",
     GUARD.replace("diagram =", "title ="): ": a guard needs its diagram",
     GUARD.replace("5.0", '"x"'): "3: 'stop' must be a number, got 'x'.",

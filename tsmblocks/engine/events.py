@@ -11,7 +11,9 @@ turning point of their input on the grid only; samples are on the grid only.
 
 from __future__ import annotations
 
+import math
 import warnings
+from collections.abc import Iterable
 
 import attrs
 import numpy as np
@@ -20,7 +22,7 @@ from tsmblocks.common.errors import RunError
 from tsmblocks.engine.kernel import Kernel, Memory, Steps
 from tsmblocks.engine.session import Session, Stopped
 from tsmblocks.engine.switches import Frozen, freeze
-from tsmblocks.engine.zero_crossing import Crossing, Event, Passed, Point
+from tsmblocks.engine.zero_crossing import INSTANT_TOLERANCE, Crossing, Event, Passed, Point
 
 SHORTEST_STRETCH, LONGEST_STRETCH = 32, 8192
 """Steps in a stretch, at least and at most, before its switching functions are checked. Chosen."""
@@ -83,6 +85,20 @@ def locating(s: Session, backend: str) -> Located:
         )
     frozen = freeze(s.eq, s.kernel.plan.method, s.kernel.plan.y, backend)
     return Located(s.eq, s.kernel, s.memory, s.signals, s.start, s.h, s.every, s.k, s.hits, frozen=frozen)
+
+
+def listed(events: Iterable[Event], h: float) -> tuple[Event, ...]:
+    """The events of a run in steps of ``h`` [s], each once: alike comparisons of a block may change at one instant."""
+    made = list[Event]()
+    now = -math.inf
+    for event in events:
+        if event.t - now > INSTANT_TOLERANCE * h:
+            now, seen = event.t, set[tuple[str, str, bool]]()
+        what = (event.block, event.switch, event.rising)
+        if what not in seen:
+            seen.add(what)
+            made.append(event)
+    return tuple(made)
 
 
 def _warn(title: str, slid: Event) -> None:

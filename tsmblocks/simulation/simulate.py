@@ -10,7 +10,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_callback
 from tsmblocks.common.interpolation import AUTO, Hold
-from tsmblocks.engine.events import locating
+from tsmblocks.engine.events import listed, locating
 from tsmblocks.engine.loops import reports
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
@@ -199,7 +199,7 @@ def _result(
         method=session.kernel.plan.method.name,
         state=state,
         complete=ended.stopped is None,
-        events=tuple(e for e in session.events if e.t <= state.t),
+        events=listed((e for e in session.events if e.t <= state.t), session.h),
         ended_by=condition if ended.at is not None else "",
         loops=reports(eq.loops, session.kernel.loop_statistics(session.memory)),
     )

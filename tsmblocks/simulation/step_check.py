@@ -145,6 +145,8 @@ def _examined_without_location(run: Taken) -> list[Examined]:
     """The beginning of a run that located its switches, of which there are many: shorter steps that do not locate them
     tell where it is wrong, once they agree among themselves.
     """
+    if not run.complete:  # its own states would have to be located again
+        return []
     part = Part(run.begin, run.k, min(run.steps, EXAMINED_STEPS // run.every * run.every))
     found = _examined(with_outputs(run, [part]), part, located=False)
     if found is None or found.gaps[-1] > TOLERANCE:

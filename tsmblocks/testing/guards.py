@@ -34,7 +34,7 @@ def read_guards(path: Path) -> dict[str, Guard]:
     assert diagram is not None
     for name, (text, kind) in read.items():
         if text is not None:
-            page.attempt(partial(guard, diagram, {name: text}, kind, {}), "metrics", name)
+            page.attempt(partial(guard, diagram, {name: text}, {named(name)[0]: kind}, {}), "metrics", name)
     page.raise_faults()
     made = {}
     for case, changes in (cases or {"": {}}).items():
