@@ -179,7 +179,7 @@ def test_a_change_in_one_recording_alone_is_named_with_its_size_there():
     found = tsm.diagnose(tsm.load("tendon_sheath_linear"), records, effects=["parameter_change", "jump", "drift"])
     (one,) = found.effects
     assert one.name == "parameter_change"
-    assert one.parameters["time"].value == pytest.approx(9.3, abs=0.5)
+    assert one.parameters["time@run 1"].value == pytest.approx(9.3, abs=0.5)
     sizes = {name: one.parameters[f"change@{name}"] for name in records}
     assert sizes["run 1"].low < 0.02 < sizes["run 1"].high
     assert all(abs(q.value) < 0.005 for name, q in sizes.items() if name != "run 1")
@@ -265,7 +265,7 @@ def test_a_load_that_steps_in_one_recording_of_a_motor_is_named_at_its_drive():
     found = tsm.diagnose(model, records, effects=["jump", "coulomb_friction", "load_offset"])
     (one,) = found.effects
     assert (one.name, one.words) == ("jump", "a step of the load")
-    assert one.parameters["time"].value == pytest.approx(6.0, abs=0.5)
+    assert one.parameters["time@r1"].value == pytest.approx(6.0, abs=0.5)
     assert one.parameters["size@r1"].low < -0.004 < one.parameters["size@r1"].high
 
 

@@ -10,6 +10,7 @@ from tsmblocks.blocks import (
     Bias,
     Constant,
     Gain,
+    Jump,
     Play,
     PositionDependentLoop,
     Resonance,
@@ -198,6 +199,15 @@ def trials_without_a_shape():
 )
 def trials_that_refine_nothing():
     effect().accepts(Trials({}, ({"gain": 1.1},), refine="time"))
+
+
+@mistake(
+    ParameterError,
+    "effect 'late': 'size' must be local, as 'time' is: a shape of each experiment has sizes of its own.",
+)
+def an_instant_of_its_own_with_one_size_for_all():
+    late = effect(name="late", block=Jump(), null={"size": 0.0}, free=("size", "time"), local=("time",))
+    late.accepts(Trials({"size": 0.1}, ({"time": 1.0},), refine="time"))
 
 
 @mistake(

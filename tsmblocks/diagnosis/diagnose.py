@@ -48,6 +48,7 @@ from tsmblocks.diagnosis.partition import (
     total_delay,
     within_windows,
 )
+from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.summary import DiagnosedPart
@@ -238,16 +239,16 @@ def _diagnosed(
         search = SearchContext(records, settings, request.effects, blocks, noise, progress, line, removed)
         forward_search(base, {}, search, rounds)
         rounds = without_undetermined(exchange_effects(rounds, search), search)
+        rounds, recurring = without_recurring_events(rounds, search)
         count = accepted_count(rounds, search)
         final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     except KeyboardInterrupt:
         if search is None or not rounds:
             raise
-        count = accepted_count(rounds, search)
-        last = rounds[count].base
+        last = rounds[count := accepted_count(rounds, search)].base
         left = predicted if last is base else evidence(last, search.settings.seed)
         return DiagnosedPart(part, search, floors, rounds, count, last, predicted, left), True
-    notes += [f"{part.name}: {text}" for text in [*limit_notes(final), *more_notes]]
+    notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes]]
     left = predicted if final is base else evidence(final, search.settings.seed)
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left), False
 

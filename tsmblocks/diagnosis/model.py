@@ -20,7 +20,7 @@ from tsmblocks.fitting.memories import refined
 from tsmblocks.fitting.nearest import nearest_of
 from tsmblocks.fitting.noise import Floor
 from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, no_progress, within_bounds
-from tsmblocks.fitting.parameters import numbers, with_initial_values
+from tsmblocks.fitting.parameters import Unknown, numbers, with_initial_values
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup, pose
 from tsmblocks.fitting.step_size import following
@@ -242,13 +242,36 @@ def pose_extended(
         states = [*(k for k in equations(diagram).x if k in known), *_initial_lists(diagram), *begins]
         states = [k for k in states if k not in had or k in begins]
         local += [k for k in dict.fromkeys(states) if k not in local]
-    kept = {i.parameter: (i.low, i.high) for i in items}
     settings = attrs.evolve(settings, step=model.setup.experiments[0].times.h)
-    problem, setup = pose_model(diagram, records, settings, free, {**kept, **(bounds or {})}, local)
+    problem, setup = pose_model(
+        diagram, records, settings, free, {**_widest_bounds(items, known), **(bounds or {})}, local
+    )
+    problem = _with_own_bounds(problem, items)
     if sum(one.times.steps for one in setup.experiments) > MAX_QUICK_STEPS:
         return problem, setup
     quick = tuple(attrs.evolve(one, quick=True) for one in setup.experiments)
     return attrs.evolve(problem, experiments=quick), attrs.evolve(setup, experiments=quick)
+
+
+def _widest_bounds(items: Iterable[Unknown], values: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Bounds of each parameter that hold those of every experiment, and the diagram's value where there are several."""
+    widest = dict[str, tuple[float, float]]()
+    for item in items:
+        value = values[item.parameter]
+        low, high = widest.get(item.parameter, (value, value) if item.experiment else (item.low, item.high))
+        widest[item.parameter] = min(low, item.low), max(high, item.high)
+    return widest
+
+
+def _with_own_bounds(problem: Problem, items: Iterable[Unknown]) -> Problem:
+    """The problem with the bounds that ``items`` of single experiments have."""
+    own = {item.name: item for item in items if item.experiment}
+    every = list(problem.unknowns.items)
+    for k, one in enumerate(every):
+        if one.name in own:
+            low, high = own[one.name].low, own[one.name].high
+            every[k] = attrs.evolve(one, low=low, high=high, start=min(max(one.start, low), high))
+    return attrs.evolve(problem, unknowns=attrs.evolve(problem.unknowns, items=tuple(every)))
 
 
 def _initial_lists(diagram: Diagram) -> list[str]:

@@ -5,6 +5,7 @@ Base parameters are projected out. Source: Frisch and Waugh, Econometrica 1 (193
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 
 import attrs
@@ -13,6 +14,7 @@ import numpy as np
 from tsmblocks.diagnosis.candidates import Candidate, WireSignals
 from tsmblocks.diagnosis.decision import MAX_FINITE_NULL
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
+from tsmblocks.diagnosis.own_instants import SINGLE_PRECISION, Products, for_each, joined, moved, noise_gains
 from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.residuals import Problem
@@ -33,8 +35,6 @@ MAX_SQUARED_CORRELATION = 0.8
 """Squared correlation of two output changes below which two shapes are different starting points. Chosen."""
 DIVERGENCE_THRESHOLD = 1e30
 """Change of an output [rms noise] from which a simulation has diverged. Chosen: far from both data and overflow."""
-SINGLE_PRECISION = 1e-6
-"""Share of the sum of squares of a change that is rounding, in single precision. Chosen: ten times its resolution."""
 MAX_SIZE_FACTOR = 40.0
 """Largest size of an effect at the start of its fit [trial sizes]. Chosen: beyond it a linear prediction fails."""
 MAX_EXTRAPOLATION = 4.0
@@ -117,21 +117,17 @@ def screening_score(
     own = candidate.local
     problem, setup = pose_extended(model, candidate.diagram, candidate.free, records, settings, bounds, states, own)
     screening = _Screening(candidate, problem, model, base, _starting_values(problem, model, candidate, wires))
-    shape_trials = screening.evaluated(trials.shapes, noise)
-    noise_gains = np.max([one.noise_gains for one in shape_trials], axis=0)
-    sizes = tuple((one.shape, one.sensitivity, one.exceeds_range) for one in shape_trials)
-    shape_trials.sort(key=lambda one: -one.gain)
-    for _ in range(REFINEMENT_ROUNDS if trials.refine else 0):
-        shape_trials += screening.evaluated(_between(shape_trials, trials.refine))
-        shape_trials.sort(key=lambda one: -one.gain)
-        shape_trials = shape_trials[: 2 * REFINEMENT_SHAPES]
+    coarse, fine = screening.of_each_experiment(noise) if screening.owns_shapes else screening.of_all(noise)
+    gains = np.max([one.noise_gains for one in coarse], axis=0)
+    sizes = tuple((one.shape, one.sensitivity, one.exceeds_range) for one in coarse)
+    shape_trials = sorted(fine, key=lambda one: -one.gain)
     best = shape_trials[0]
     if trials.refine:
         problem, starts = _with_narrow_bounds(problem, candidate, best), [best.theta]
     else:
         distinct = (one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
         starts = [_better_start(problem, one) for one in [best, *distinct][:2]]
-    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), noise_gains, sizes)
+    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), gains, sizes)
 
 
 def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
@@ -174,6 +170,45 @@ class _Screening:
             for name, value in self.candidate.trials.strengths.items()
             for own in (names if name in local else ("",))
         )
+
+    @property
+    def owns_shapes(self) -> bool:
+        """Whether each experiment has a shape of its own."""
+        return self.candidate.trials.refine in self.candidate.effect.local
+
+    def of_all(self, noise: np.ndarray) -> tuple[list[_ShapeTrial], list[_ShapeTrial]]:
+        """Every shape, with gains in surrogates; and the best ones of finer and finer grids."""
+        trials = self.candidate.trials
+        found = coarse = self.evaluated(trials.shapes, noise)
+        for _ in range(REFINEMENT_ROUNDS if trials.refine else 0):
+            found = [*found, *self.evaluated(_between(found, trials.refine))]
+            found = sorted(found, key=lambda one: -one.gain)[: 2 * REFINEMENT_SHAPES]
+        return coarse, found
+
+    def of_each_experiment(self, noise: np.ndarray) -> tuple[list[_ShapeTrial], list[_ShapeTrial]]:
+        """The shape that has the best instant of each experiment, with gains in surrogates; and that of finer grids."""
+        trials, names = self.candidate.trials, self.problem.unknowns.experiments
+        shapes = [for_each(one, self.candidate.effect.local, names) for one in trials.shapes]
+        found = coarse = self._chosen(shapes, noise)
+        grid = sorted(one[trials.refine] for one in trials.shapes)
+        distance = (grid[-1] - grid[0]) / max(len(grid) - 1, 1)
+        for _ in range(REFINEMENT_ROUNDS):
+            steps = [distance * k / (REFINEMENT_SHAPES + 1) for k in range(-REFINEMENT_SHAPES, REFINEMENT_SHAPES + 1)]
+            found = self._chosen([moved(found.shape, trials.refine, step) for step in steps])
+            distance /= REFINEMENT_SHAPES + 1
+        return [coarse], [found]
+
+    def _chosen(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> _ShapeTrial:
+        """The trial that has of each experiment the shape with the largest gain there."""
+        strengths, names = self.candidate.trials.strengths, self.problem.unknowns.experiments
+        sets = [self._unknowns_at({**shape, name: size}) for shape in shapes for name, size in strengths.items()]
+        changes, owner, k = self._changes(sets), self._owner, len(strengths)
+        apart = [np.where(owner[:, None] == e, changes, 0.0) for e in range(len(names))]
+        products = [Products.of(one, k, self.base, self.model.r, noise) for one in apart]
+        best = [one.best for one in products]
+        z = np.stack([one[:, i * k : (i + 1) * k] for one, i in zip(apart, best, strict=True)], axis=2)
+        (found,) = self._sized_trials([joined(shapes, best, names)], z.reshape(len(z), -1), None)
+        return found if noise is None else attrs.evolve(found, noise_gains=noise_gains(products))
 
     def evaluated(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> list[_ShapeTrial]:
         """Every shape with its optimum size, and with its gains in the surrogates ``noise`` (N, D)."""
@@ -229,16 +264,20 @@ class _Screening:
 
     def _by_experiment(self, changes: np.ndarray) -> np.ndarray:
         """Changes (N, strengths) as (N, sizes): those of a local strength for each experiment alone."""
-        owner = np.empty(len(changes), dtype=int)
-        segments = iter(self.problem.segments)
-        for e, _ in enumerate(self.problem.experiments):
-            for _ in self.problem.weights:
-                owner[next(segments)] = e
-        columns = []
+        owner, columns = self._owner, []
         for name, column in zip(self.candidate.trials.strengths, changes.T, strict=True):
             local = name in self.candidate.effect.local
             columns += [np.where(owner == e, column, 0.0) for e in range(owner.max() + 1)] if local else [column]
         return np.stack(columns, axis=1)
+
+    @functools.cached_property
+    def _owner(self) -> np.ndarray:
+        """The number of the experiment to which each sample belongs, shape (N,)."""
+        owner, segments = np.empty(self.problem.samples, dtype=int), iter(self.problem.segments)
+        for e, _ in enumerate(self.problem.experiments):
+            for _ in self.problem.weights:
+                owner[next(segments)] = e
+        return owner
 
     def _changes(self, sets: list[np.ndarray]) -> np.ndarray:
         """Change of the weighted outputs against the base, shape (N, sets)."""
@@ -317,12 +356,13 @@ def _between(shape_trials: Sequence[_ShapeTrial], name: str) -> list[dict[str, f
 
 
 def _with_narrow_bounds(problem: Problem, candidate: Candidate, best: _ShapeTrial) -> Problem:
-    """The problem with bounds on a refined shape close to its value: the problem is nonsmooth in it."""
+    """The problem with bounds on a refined shape close to its values: the problem is nonsmooth in it."""
     name, unknowns = f"{candidate.block}.{candidate.trials.refine}", problem.unknowns
-    items, k = list(unknowns.items), unknowns.names.index(name)
-    distance, value = PINNING_WIDTHS * candidate.transition_time, float(best.theta[k])
-    low, high = max(value - distance, items[k].low), min(value + distance, items[k].high)
-    items[k] = attrs.evolve(items[k], low=low, high=high)
+    items, distance = list(unknowns.items), PINNING_WIDTHS * candidate.transition_time
+    for k, item in enumerate(unknowns.items):
+        if item.parameter == name:
+            value = float(best.theta[k])
+            items[k] = attrs.evolve(item, low=max(value - distance, item.low), high=min(value + distance, item.high))
     return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
 
 

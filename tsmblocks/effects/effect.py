@@ -69,7 +69,7 @@ class Effect:
     below : tuple of str, default ()
         Parameters that must not be at their upper bound for the name to hold.
     local : tuple of str, default ()
-        Parameters with a value of their own in each experiment: strengths of its trials.
+        Parameters with a value of their own in each experiment: strengths of its trials, and what these refine.
     adds : callable, optional
         For the wire of one diagram: what else changes, a function from the diagram with the block in it, and the
         block's name, to a diagram.
@@ -258,8 +258,10 @@ def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
             ("bounds", trials.bounds, (*free, *_states(effect.block))),
         ):
             yield from _unknown(names, known, f"{what} of its trials name '{{}}', which is not free to be fitted.")
-        for name in (k for k in effect.local if k not in trials.strengths):
+        for name in (k for k in effect.local if k not in trials.strengths and k != trials.refine):
             yield f"'{name}' has a value of its own in each experiment, so it must be a strength of its trials."
+        for name in (k for k in trials.strengths if trials.refine in effect.local and k not in effect.local):
+            yield f"'{name}' must be local, as '{trials.refine}' is: a shape of each experiment has sizes of its own."
         for name in (k for k in trials.fixed if k in free):
             yield f"its trials fix '{name}', which is free to be fitted; a parameter is one or the other."
         yield from _unknown(trials.fixed, numbers, "its trials fix '{}', which is no parameter of its block.")

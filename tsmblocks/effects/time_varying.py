@@ -15,6 +15,10 @@ NO_LIMIT = 1e12
 INSTANT_COUNT = 48
 """Instants of the first grid of a sudden change. Chosen: for the run time; the grid is refined."""
 
+LEAST_PERIODS = 2
+"""Periods of a disturbance that a session holds, at least. Derived: what has not come back yet and
+a drift are indistinguishable."""
+
 
 def _time_origin(scales: Scales) -> dict[str, float]:
     """Time counted from the first sample: from an earlier origin, a drift would include an offset."""
@@ -64,7 +68,7 @@ def _periodic_trials(scales: Scales) -> Trials | None:
     if not scales.lines:
         return None
     size, frequencies = 0.01 * (scales.wire.reach or 1.0), tuple({"frequency": f} for f in scales.lines)
-    bounds = {"frequency": (1 / (scales.stop - scales.start), 0.5 / scales.step)}
+    bounds = {"frequency": (LEAST_PERIODS / _duration(scales), 0.5 / scales.step)}
     return Trials({"cosine": size, "sine": size}, frequencies, _time_origin(scales), bounds)
 
 
@@ -82,13 +86,13 @@ def _soft_rate_limit_trials(scales: Scales) -> Trials:
     return Trials({}, shapes, bounds={**hard.bounds, **soft})
 
 
-def _own(effect: Effect) -> Effect:
-    """The variant of an effect with a size of its own in each recording, for recordings that share no clock."""
+def _own(effect: Effect, instant: str = "") -> Effect:
+    """The variant of an effect with a size and an instant of its own in each recording, where these share no clock."""
     return attrs.evolve(
         effect,
         trials=lambda scales: None if scales.one_clock else effect.trials(scales),
-        variant=f"{effect.variant}, own sizes".lstrip(", "),
-        local=tuple(effect.null),
+        variant=f"{effect.variant}, own sizes{' and times' if instant else ''}".lstrip(", "),
+        local=(*effect.null, *filter(None, [instant])),
     )
 
 
@@ -187,6 +191,7 @@ DISTURBANCE = Effect(
     confused=("position_ripple",),
     separates="other input frequencies: a disturbance keeps its own",
     variant="output",
+    within=("frequency",),
 )
 DRIVE_DISTURBANCE = attrs.evolve(DISTURBANCE, place="drive", variant="drive")
 RATE_LIMIT = Effect(
@@ -207,17 +212,17 @@ EFFECTS = (
     DRIFT,
     _own(DRIFT),
     JUMP,
-    _own(JUMP),
+    _own(JUMP, "time"),
     LOAD_STEP,
-    _own(LOAD_STEP),
+    _own(LOAD_STEP, "time"),
     GAIN_CHANGE,
-    _own(GAIN_CHANGE),
+    _own(GAIN_CHANGE, "time"),
     GAIN_DRIFT,
     _own(GAIN_DRIFT),
     LOOP_CHANGE,
-    _own(LOOP_CHANGE),
+    _own(LOOP_CHANGE, "time"),
     LOOP_CHANGE_OF_INPUT,
-    _own(LOOP_CHANGE_OF_INPUT),
+    _own(LOOP_CHANGE_OF_INPUT, "loop.time"),
     CREEP,
     attrs.evolve(
         CREEP,

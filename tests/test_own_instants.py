@@ -1,0 +1,90 @@
+"""Sudden changes at an instant of their own in each experiment, where experiments share no clock."""
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.blocks import Bias, Gain
+from tsmblocks.diagnosis.own_instants import Products, for_each, joined, moved, noise_gains
+from tsmblocks.fitting.column_space import column_space
+from tsmblocks.fitting.jacobian import Jacobian
+
+BASE = tsm.Diagram(
+    blocks={"gain": Gain(gain=0.9, unit="rad"), "offset": Bias()},
+    wires=["gain -> offset"],
+    inputs={"x_in": "gain.u"},
+    outputs={"x_out": "offset.y"},
+    title="bench",
+)
+LENGTHS = (8.0, 10.0, 12.0)
+SIGMA = 0.004
+OF_TIME = ("drift", "jump", "parameter_change", "creep", "periodic_disturbance")
+
+
+def recordings(change, seed=3):
+    """Recordings of these lengths, each from 0 s: 0.9 x + 0.05, white noise, and what ``change(t, x, k)`` adds."""
+    rng, made = np.random.default_rng(seed), {}
+    for k, length in enumerate(LENGTHS):
+        t = np.arange(0, length, 0.02)
+        x = np.sin(2.1 * t + k) + 0.5 * np.sin(5.3 * t + 2 * k)
+        y = 0.9 * x + 0.05 + change(t, x, k) + SIGMA * rng.standard_normal(len(t))
+        made[f"r{k + 1}"] = tsm.Record(f"r{k + 1}", t, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
+    return made
+
+
+def test_a_jump_at_an_instant_of_its_own_in_each_recording_is_one_effect():
+    """With one instant for all, a second effect was needed: a loop that changes."""
+    sizes, instants = (0.01, 0.012, -0.009), (3.1, 6.37, 8.24)
+    found = tsm.diagnose(BASE, recordings(lambda t, x, k: sizes[k] * (t > instants[k])), effects=OF_TIME)
+    assert [one.name for one in found.effects] == ["jump"]
+    values = found.effects[0].parameters
+    for k, (size, instant) in enumerate(zip(sizes, instants, strict=True), start=1):
+        assert values[f"time@r{k}"].value == pytest.approx(instant, abs=0.03)
+        assert values[f"size@r{k}"].value == pytest.approx(size, abs=0.001)
+
+
+def test_changes_that_come_and_go_at_many_instants_are_not_named():
+    """A drift was named instead."""
+
+    def loosening(t, x, k):
+        rng = np.random.default_rng(40 + k)
+        instants, sizes = rng.uniform(1, 7, 3), rng.choice([-1, 1], 3) * rng.uniform(0.03, 0.06, 3)
+        return sum(size * x * (t > instant) for size, instant in zip(sizes, instants, strict=True))
+
+    found = tsm.diagnose(BASE, recordings(loosening), effects=OF_TIME)
+    assert not found.effects
+    assert any("no single event" in note for note in found.notes)
+
+
+def test_shapes_are_put_together_experiment_by_experiment():
+    every = [for_each({"time": t, "distance": 0.2}, ["time"], ["a", "b"]) for t in (1.0, 2.0, 3.0)]
+    assert every[1] == {"distance": 0.2, "time@a": 2.0, "time@b": 2.0}
+    assert joined(every, [2, 0], ["a", "b"]) == {"distance": 0.2, "time@a": 3.0, "time@b": 1.0}
+    assert moved(every[0], "time", 0.5) == {"distance": 0.2, "time@a": 1.5, "time@b": 1.5}
+
+
+def test_gains_in_surrogates_are_those_of_least_squares():
+    """Against least squares with every pair of shapes written out; the best one of each experiment is taken."""
+    rng, n, shapes, k, draws = np.random.default_rng(0), 60, 4, 2, 5
+    base, r, noise = rng.standard_normal((2 * n, 3)), rng.standard_normal(2 * n), rng.standard_normal((2 * n, draws))
+    space = column_space(Jacobian.of(base), 1e-12)
+    noise = space.project_out(noise)
+    apart = [
+        np.where((np.arange(2 * n) // n == e)[:, None], rng.standard_normal((2 * n, shapes * k)), 0) for e in (0, 1)
+    ]
+    products = [Products.of(one, k, space, r, noise) for one in apart]
+
+    def fall(y, columns):
+        both = np.hstack([base, columns])
+        without = y - base @ np.linalg.lstsq(base, y, rcond=None)[0]
+        return without @ without - np.sum((y - both @ np.linalg.lstsq(both, y, rcond=None)[0]) ** 2)
+
+    def part(e, s):
+        return apart[e][:, s * k : (s + 1) * k]
+
+    gains = noise_gains(products)
+    for d in range(draws):
+        best = [int(np.argmax([fall(noise[:, d], part(e, s)) for s in range(shapes)])) for e in (0, 1)]
+        expected = fall(noise[:, d], np.hstack([part(e, s) for e, s in enumerate(best)]))
+        assert gains[d] == pytest.approx(expected, rel=1e-4)
+    assert products[0].best == np.argmax([fall(r, part(0, s)) for s in range(shapes)])
