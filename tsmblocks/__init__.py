@@ -22,6 +22,9 @@ import sys
 from importlib import import_module
 from typing import Any
 
+from tsmblocks.common import loading as _loading  # noqa: F401 - first: Ctrl-C while the others are imported
+
+# isort: split
 from tsmblocks.common import errors as errors
 from tsmblocks.common.version import __version__ as __version__
 from tsmblocks.model import block as _block_module

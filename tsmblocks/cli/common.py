@@ -15,10 +15,9 @@ from typing import Any, NoReturn
 from tsmblocks.cli.console import print_error, print_json, wrap
 from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.errors import TsmError, near
+from tsmblocks.common.loading import INTERRUPTED
 from tsmblocks.common.tables import unique_names
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C: 128 plus the number of SIGINT, as in POSIX shells."""
 RESULTS = (".csv", ".npz", ".mat")
 PICTURES = (".png", ".svg", ".pdf")
 """Endings of files of results, and of figures."""

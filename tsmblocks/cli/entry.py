@@ -31,7 +31,7 @@ from tsmblocks.cli import (
 from tsmblocks.cli.common import INTERRUPTED, Formatter, Parser, UsageError
 from tsmblocks.cli.console import print_error, readable_streams
 from tsmblocks.common.errors import TsmError, near
-from tsmblocks.common.interrupt import terminate_as_interrupt
+from tsmblocks.common.interrupt import InterruptFlag, note_interrupts, terminate_as_interrupt
 from tsmblocks.common.version import __version__
 
 MODULES = (run, fit, compare, diagnose, study, draw, check, export, diagrams, blocks, reference, demo, completion)
@@ -43,12 +43,20 @@ CLOSED = {"diagrams", "reference", "demo", "completion"}
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; the exit status. Nothing is raised; messages are printed on standard error."""
-    with readable_streams(), warnings.catch_warnings(), terminate_as_interrupt():
-        _simplify_warnings()
-        return _guarded(list(sys.argv[1:] if argv is None else argv))
+    try:
+        with (
+            note_interrupts(argv is None) as noted,
+            readable_streams(),
+            warnings.catch_warnings(),
+            terminate_as_interrupt(),
+        ):
+            _simplify_warnings()
+            return _guarded(list(sys.argv[1:] if argv is None else argv), noted)
+    except KeyboardInterrupt:  # a second one, while the first was being reported
+        return INTERRUPTED
 
 
-def _guarded(argv: list[str]) -> int:
+def _guarded(argv: list[str], noted: InterruptFlag) -> int:
     """Run one command and turn every exception into a message; the exit status."""
     try:
         status = _dispatch(argv)
@@ -57,8 +65,7 @@ def _guarded(argv: list[str]) -> int:
     except SystemExit as stop:  # --help and --version
         return int(stop.code or 0)
     except KeyboardInterrupt:
-        print_error("stopped before everything was done.")
-        return INTERRUPTED
+        return _stopped()
     except TsmError as error:
         print_error(str(error))
         return 2
@@ -69,9 +76,16 @@ def _guarded(argv: list[str]) -> int:
         print_error(f"{error.filename}: {error.strerror}." if error.filename and error.strerror else str(error))
         return 2
     except Exception:
+        if noted.stop:  # what a library has made of KeyboardInterrupt
+            return _stopped()
         traceback.print_exc()
         print_error("this is a fault of the program, not of your input; please report it with the lines above.")
         return 1
+
+
+def _stopped() -> int:
+    print_error("stopped before everything was done.")
+    return INTERRUPTED
 
 
 def _is_closed_pipe(error: OSError) -> bool:

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from tsmblocks.cli import common, console, recordings
+from tsmblocks.common.interrupt import children_ignore_interrupts
 
 HELP = "run a diagram many times with other parameters, print and save its metrics"
 
@@ -71,7 +72,11 @@ def _executor(args: argparse.Namespace) -> Iterator[Executor | None]:
         import multiprocessing
         from concurrent.futures import ProcessPoolExecutor
 
+        # The workers inherit that Ctrl-C does not reach them: this process ends them, and says so once.
         with ProcessPoolExecutor(args.workers, multiprocessing.get_context("spawn")) as pool:
+            with children_ignore_interrupts():
+                for _ in range(args.workers):
+                    pool.submit(abs, 0)  # starts one
             yield pool
     elif args.dask:
         try:

@@ -67,8 +67,13 @@ def as_callback(given: Any, arguments: str) -> Any:
 
 
 def as_list(names: Iterable[str] | str | None) -> list[str]:
-    """Names as a list; a single one need not be a list, and None is an empty one."""
-    return [] if names is None else [names] if isinstance(names, str) else list(names)
+    """Names as a list; a single one, or what is no list, need not be a list, and None is an empty one."""
+    if names is None or isinstance(names, str):
+        return [] if names is None else [names]
+    try:
+        return list(names)
+    except TypeError:  # a number, or an array without dimension
+        return [names]  # type: ignore[list-item]
 
 
 def as_names(what: str, given: Any, example: str) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -52,8 +52,9 @@ def replace_file(target: str | os.PathLike[str], text: str) -> None:
         file.write(text.encode())
 
 
-def replace_figure(target: str | os.PathLike[str], figure: Any, **options: Any) -> None:
+def replace_figure(
+    target: str | os.PathLike[str], figure: Any, *, dpi: float, metadata: Mapping[str, None] | None = None
+) -> None:
     """Replace a file by a figure of matplotlib, in the format of its ending. Raises OSError as ``replacing``."""
-    kind = options.pop("format", Path(target).suffix[1:].lower() or None)
     with replacing(target) as file:
-        figure.savefig(file, format=kind, **options)
+        figure.savefig(file, format=Path(target).suffix[1:].lower() or None, dpi=dpi, metadata=metadata)

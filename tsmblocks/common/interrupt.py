@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -13,6 +14,9 @@ from contextvars import ContextVar
 from typing import Any
 
 import attrs
+
+RAISED_AGAIN_AFTER = 0.05
+"""Time [s] after which an interrupt that was swallowed is raised again. Chosen: a destructor is over by then."""
 
 
 class TimeLimitReached(KeyboardInterrupt):
@@ -60,11 +64,12 @@ def defer_interrupt(time_limit: float | None = None) -> Iterator[InterruptFlag]:
     flag = InterruptFlag(deadline=math.inf if time_limit is None else time.monotonic() + time_limit)
     outer = _CURRENT.set(flag)
     in_main = threading.current_thread() is threading.main_thread()  # no other thread may set a handler
-    ours = in_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    before: Any = signal.getsignal(signal.SIGINT)
+    ours = in_main and before in (signal.default_int_handler, _raise_noted)
 
     def pressed(*details: Any) -> None:
         if flag.stop:
-            signal.default_int_handler(*details)
+            before(*details)
         flag.stop = True
 
     if ours:
@@ -74,7 +79,58 @@ def defer_interrupt(time_limit: float | None = None) -> Iterator[InterruptFlag]:
     finally:
         _CURRENT.reset(outer)
         if ours:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGINT, before)
+
+
+_NOTED = InterruptFlag()
+"""Whether Ctrl-C was pressed since the command began."""
+
+
+def _raise_noted(*details: Any) -> None:
+    _NOTED.stop = True
+    signal.default_int_handler(*details)
+
+
+@contextmanager
+def note_interrupts(last: bool = False) -> Iterator[InterruptFlag]:
+    """Yield a flag that says whether Ctrl-C was pressed, whatever exception a library has made of KeyboardInterrupt.
+
+    Where Python would only report it, as from a destructor, it is raised again a little later. After the ``last``
+    command of a process Ctrl-C is ignored: nothing is left to do.
+    """
+    in_main = threading.current_thread() is threading.main_thread()
+    before, hook = signal.getsignal(signal.SIGINT), sys.unraisablehook
+    ours = in_main and (before is signal.default_int_handler or (last and callable(before)))
+
+    def unraisable(what: Any) -> None:
+        if isinstance(what.exc_value, KeyboardInterrupt):
+            threading.Timer(RAISED_AGAIN_AFTER, signal.raise_signal, [signal.SIGINT]).start()
+        else:
+            hook(what)
+
+    _NOTED.stop = False
+    if ours:
+        sys.unraisablehook = unraisable
+        signal.signal(signal.SIGINT, _raise_noted)
+    try:
+        yield _NOTED
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.SIG_IGN if last else before)
+            sys.unraisablehook = hook
+
+
+@contextmanager
+def children_ignore_interrupts() -> Iterator[None]:
+    """Start processes that never see Ctrl-C: this one ends them. The calling thread does not see it meanwhile."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -137,12 +137,7 @@ def read(
         )
     path = Path(path)
     columns = columns.split(",") if isinstance(columns, str) else columns
-    if path.is_dir():
-        raise DataError(f"{path} is a folder; give one file.")
-    if not path.exists():
-        if not path.parent.is_dir():
-            raise DataError(f"there is no file {path}: there is no folder '{path.parent}'.")
-        raise DataError(f"there is no file {path}.{near(path.name, [p.name for p in path.parent.iterdir()])}")
+    formats.refuse_missing(path)
     formats.refuse_unread(path)
     renamed, labels = _names_and_units(str(path), map or {}, units or {})
     options = ReadOptions(renamed, labels, only, also, rows, step, tail, gaps)

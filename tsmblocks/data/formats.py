@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from tsmblocks.common.errors import DataError, in_words, near
+from tsmblocks.common.errors import DataError, clip, in_words, near
 from tsmblocks.common.interpolation import found_hold, interpolation
 from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.data.containers import Arrays, arrays
@@ -36,6 +36,20 @@ MAX_DIGITS = 300
 def _refuse_without(path: Path, what: str, package: str, extra: str) -> NoReturn:
     """Raise DataError: the package that reads files of this kind is not installed."""
     raise DataError(f'{path}: {what} files need {package}: pip install "tsmblocks[{extra}]".') from None
+
+
+def refuse_missing(path: Path) -> None:
+    """Raise DataError unless there is a file."""
+    try:
+        if path.is_dir():
+            raise DataError(f"{path} is a folder; give one file.")
+        if path.exists():
+            return
+    except (OSError, ValueError):  # a name that no file can have
+        raise DataError(f"there is no file {clip(str(path))}.") from None
+    if not path.parent.is_dir():
+        raise DataError(f"there is no file {path}: there is no folder '{path.parent}'.")
+    raise DataError(f"there is no file {path}.{near(path.name, [p.name for p in path.parent.iterdir()])}")
 
 
 def refuse_unread(path: Path) -> None:

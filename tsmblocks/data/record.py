@@ -11,7 +11,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common import units
-from tsmblocks.common.errors import DataError, near
+from tsmblocks.common.errors import DataError, in_words, near
 from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.interpolation import AUTO
 from tsmblocks.common.tables import few
@@ -24,21 +24,30 @@ from tsmblocks.model.block import Samples
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
-    array = np.array(values, dtype=float)
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f"a recording holds times and signals as numbers, got {in_words(values)}.") from None
     array.flags.writeable = False
     return array
 
 
+def _mapping(what: str, given: Any) -> Mapping[str, Any]:
+    if not isinstance(given, Mapping):
+        raise DataError(f"{what} of a recording are a mapping by signal, got {in_words(given)}.")
+    return given
+
+
 def _read_only_labels(labels: Mapping[str, str]) -> Mapping[str, str]:
-    return MappingProxyType(dict(labels))
+    return MappingProxyType(dict(_mapping("units", labels)))
 
 
 def _read_only_signals(signals: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-    return MappingProxyType({name: _read_only(values) for name, values in signals.items()})
+    return MappingProxyType({name: _read_only(values) for name, values in _mapping("signals", signals).items()})
 
 
 def _read_only_masks(masks: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-    made = {name: np.array(mask, dtype=bool) for name, mask in masks.items()}
+    made = {name: np.array(mask, dtype=bool) for name, mask in _mapping("filled", masks).items()}
     for mask in made.values():
         mask.flags.writeable = False
     return MappingProxyType(made)

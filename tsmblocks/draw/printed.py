@@ -124,7 +124,7 @@ def _print(
     axes.set_axis_off()
     _paint(axes, picture)
     with rc_context({"pdf.fonttype": 42}):  # letters that other programs can search and edit
-        replace_figure(path, figure, format=ending[1:], dpi=dpi, metadata=metadata)
+        replace_figure(path, figure, dpi=dpi, metadata=metadata)
 
 
 def _paint(axes: Any, picture: Picture) -> None:

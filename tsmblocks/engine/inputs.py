@@ -199,7 +199,7 @@ def _numbers(name: str, given: Any) -> np.ndarray:
         if array.dtype.kind in "cSUmM":
             raise TypeError
         return np.ma.filled(array.astype(float, copy=False), np.nan)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         kind = f" of {given.dtype}" if hasattr(given, "dtype") and np.ndim(given) else ""
         raise DataError(_kinds(name, given) + kind + ".") from None
 

@@ -75,7 +75,10 @@ def _values(given: Any) -> Any:
 
 def _listed(wires: Any) -> Any:
     """The wires as a tuple; one text, or no list, unchanged, to be refused with the other faults."""
-    return tuple(wires) if isinstance(wires, Iterable) and not isinstance(wires, str) else wires
+    try:
+        return wires if isinstance(wires, str) else tuple(wires)
+    except TypeError:
+        return wires
 
 
 def _caller() -> str:
@@ -519,5 +522,5 @@ def required_diagram(given: Any, use: str, error: type[TsmError]) -> Diagram:
     """``given``, if it is a diagram. Raises ``error`` otherwise: only a diagram can be ``use`` ("run", "drawn")."""
     if isinstance(given, Diagram):
         return given
-    hint = f" Load it first: tsmblocks.load({given!r})." if isinstance(given, str) else ""
+    hint = f" Load it first: tsmblocks.load({in_words(given)})." if isinstance(given, str) else ""
     raise error(f"only a diagram can be {use}, got {in_words(given)}.{hint}")

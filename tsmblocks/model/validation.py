@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import attrs
@@ -130,8 +131,10 @@ def _read_wires(wires: Any, blocks: Mapping[str, Any], others: Mapping[str, str]
 
 def wires_fault(name: str, given: Any) -> str:
     """What is wrong with ``given`` as a list of chains, ``""`` if nothing is; ``name`` is that of the argument."""
-    if isinstance(given, Iterable) and not isinstance(given, str):
-        return ""
+    if not isinstance(given, str):
+        with suppress(TypeError):
+            iter(given)
+            return ""
     one = "one text, " if isinstance(given, str) else ""
     return f"{name} must be a list of chains such as ['error -> pid'], got {one}{in_words(given)}."
 

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.arguments import as_integer, as_list, as_number, as_positive
+from tsmblocks.common.arguments import as_integer, as_list, as_names, as_number, as_positive, as_text
 from tsmblocks.common.errors import DataError, RunError, in_words, near
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.memory import refuse_too_large
@@ -135,7 +135,7 @@ class RunOptions:
     inputs: Mapping[str, Any] = attrs.field(default=None, converter=as_inputs)
     hold: Hold = AUTO
     every: int = 1
-    backend: str = ""
+    backend: str = attrs.field(default="", validator=lambda _self, field, value: as_text(field.name, value))
     loops: str = "solve"
 
     @property
@@ -177,9 +177,9 @@ def logged_signals(
 
 
 def _chosen(eq: Equations, log: str | Iterable[str]) -> tuple[int, ...]:
-    if log == "all":
+    if isinstance(log, str) and log == "all":
         return tuple(range(len(eq.y)))
-    patterns = [] if log == "outputs" else as_list(log) if isinstance(log, Iterable) else [log]
+    patterns = [] if isinstance(log, str) and log == "outputs" else as_list(log) if log is not None else [None]
     for pattern in patterns:
         if not isinstance(pattern, str):
             raise RunError(f"log takes names and patterns such as 'tsm.*', got {in_words(pattern)}.")
@@ -209,7 +209,7 @@ def kept_columns(eq: Equations, outputs: Sequence[str] | None) -> tuple[list[str
 
     Without ``outputs`` those of the diagram. Raises RunError for an unknown name, and where there is none.
     """
-    names = as_list(outputs) if outputs is not None else list(eq.aliases)
+    names = as_names("outputs", outputs, "x_out") if outputs is not None else list(eq.aliases)
     if not names:
         raise RunError(f"diagram '{eq.title}' has no outputs, so name the signals to keep: outputs=['block.port'].")
     signals = [eq.aliases.get(name, name) for name in names]

@@ -148,6 +148,8 @@ class PreparedBatch:
 
         Call it from one thread at a time: it uses threads itself.
         """
+        if reduce is not None and not callable(reduce):
+            raise RunError(f"reduce must be a function of times and signals, got {in_words(reduce)}.")
         if reduce is None:
             size = COPIES * 8.0 * (last - first) * self._times.kept * len(self._columns)
             hint = "Keep fewer outputs, or every; or give reduce."

@@ -63,7 +63,7 @@ def equations(diagram: Diagram, *, loops: str = SOLVE) -> Equations:
     ('motor.angle', 'motor.speed')
     """
     diagram = as_diagram(diagram)
-    if loops not in (SOLVE, REFUSE):
+    if not isinstance(loops, str) or loops not in (SOLVE, REFUSE):
         raise RunError(f"loops must be 'solve' or 'refuse', got {in_words(loops)}.{near(str(loops), (SOLVE, REFUSE))}")
     return _refusing(diagram) if loops == REFUSE else _solving(diagram)
 

@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.arguments import as_callback
+from tsmblocks.common.arguments import as_bool, as_callback
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.engine.events import listed, locating
 from tsmblocks.engine.loops import reports
@@ -135,9 +135,9 @@ def simulate(
     """
     diagram = as_diagram(diagram, parameters)
     begin, h = start_and_step(start, step, initial)
-    options = RunOptions(stop, h, begin, method, inputs, hold, every, backend)
-    times = options.times
+    times = (options := RunOptions(stop, h, begin, method, inputs, hold, every, backend)).times
     as_callback(progress, "the fraction done")
+    locate, check_step = as_bool("locate", locate), as_bool("check_step", check_step)
     eq = equations(diagram, loops=loops)
     condition = stop_condition(eq, text) if (text := condition_of(diagram, stop_when)) else None
     chosen, names = logged_signals(eq, log, times, condition.signals if condition else ())
@@ -165,8 +165,7 @@ def simulate(
     else:
         ended = run_until(session, times.steps, watched(eq, condition, chosen), progress)
     stopped, run = ended.stopped, _result(ended, names, p, k, origin, h, text)
-    ran = check is not None and stopped is None
-    finding = check.finding(taken(check, ended, k, origin, h, chosen, backend)) if check and ran else ""
+    finding = check.finding(taken(check, ended, k, origin, h, chosen, backend)) if check and not stopped else ""
     warn_of_step(eq.title, h, poles, finding, 3)
     if stopped is None or stopped.interrupted:
         return run

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.common.arguments import as_text
 from tsmblocks.common.errors import RunError
 from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.session import Session, Stopped
@@ -32,7 +33,7 @@ def condition_of(diagram: Diagram, given: str | None) -> str:
     Warns of conditions of the diagrams inside, unless one is given.
     """
     if given is not None:
-        return given
+        return as_text("stop_when", given)
     for name, one in _inner_conditions(diagram):
         warnings.warn(
             f"diagram '{diagram.title}': runs of {name} alone end with stop_when = '{one}', which does not act here, "
