@@ -20,6 +20,8 @@ from functools import partial
 from pathlib import PurePath
 from typing import Any, TextIO
 
+from tsmblocks.common.errors import CONTROLS, without_controls
+
 MIN_WIDTH, MAX_WIDTH = 40, 100
 """Columns of text, at least and at most. Chosen: tables need some 40, and longer lines are hard to read."""
 UPDATE_INTERVAL = 0.05
@@ -79,18 +81,37 @@ def ascii_letter(letter: str) -> str:
 codecs.register_error(ENCODE_ERRORS, _replace_unencodable)
 
 
+class _WithoutControls:
+    """A stream that writes no control characters, which texts of a file may hold, but for tabs and new lines."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.unfiltered = stream
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        return self.unfiltered.write(without_controls(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.unfiltered, name)
+
+
 @contextmanager
 def readable_streams() -> Iterator[None]:
-    """Let both streams write a readable replacement of every letter that their encoding lacks, instead of failing."""
-    changed = []
+    """Let both streams write a readable replacement of every letter that their encoding lacks, instead of failing.
+
+    Nor do they write characters that would steer the terminal.
+    """
+    changed, streams = [], (sys.stdout, sys.stderr)
     for stream in (sys.stdout, sys.stderr):
         before = getattr(stream, "errors", "")
         if before in ("strict", "backslashreplace") and hasattr(stream, "reconfigure"):
             stream.reconfigure(errors=ENCODE_ERRORS)
             changed.append((stream, before))
+    sys.stdout, sys.stderr = _WithoutControls(sys.stdout), _WithoutControls(sys.stderr)  # type: ignore[assignment]
     try:
         yield
     finally:
+        sys.stdout, sys.stderr = streams
         for stream, before in changed:
             if not stream.closed:
                 stream.reconfigure(errors=before)
@@ -136,7 +157,8 @@ def print_json(value: Mapping[str, Any]) -> None:
     It is UTF-8, or ASCII with escapes where the stream has another encoding; every reader of JSON accepts both.
     """
     unicode = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().startswith("utf")
-    print(json.dumps(json_value(value), indent=2, ensure_ascii=not unicode, allow_nan=False))
+    text = json.dumps(json_value(value), indent=2, ensure_ascii=not unicode, allow_nan=False)
+    print(CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
 def json_value(value: Any) -> Any:
@@ -166,11 +188,11 @@ def progress_line(text_of: Callable[..., str], *, quiet: bool = False) -> Iterat
     if quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         yield None
         return
-    stream, length, last = sys.stderr, 0, -math.inf
+    stream, length, last = getattr(sys.stderr, "unfiltered", sys.stderr), 0, -math.inf
 
     def show(*far: Any) -> None:
         nonlocal length, last
-        text, now = text_of(*far)[: shutil.get_terminal_size().columns - 1], time.monotonic()
+        text, now = without_controls(text_of(*far))[: shutil.get_terminal_size().columns - 1], time.monotonic()
         if now - last >= UPDATE_INTERVAL:
             stream.write(f"\r{text}{' ' * (length - len(text))}")
             stream.flush()

@@ -40,8 +40,20 @@ MOST_CHARACTERS = 1500
 """Characters of one problem that are printed (a loop may have thousands of blocks). Chosen: a screen of text."""
 
 
+CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Characters that steer a terminal, end lines, or turn the direction of the text after them; not tabs and new lines."""
+
+
+def without_controls(text: str) -> str:
+    """A text whose control characters are replaced by one that is visible."""
+    return CONTROLS.sub("�", text)
+
+
 class TsmError(Exception):
     """Base of every exception that this package raises on purpose. Its text is meant for the user."""
+
+    def __str__(self) -> str:
+        return without_controls(super().__str__())
 
 
 class BlockError(TsmError):
@@ -75,7 +87,7 @@ class DiagramError(TsmError):
 
     def __str__(self) -> str:
         place = f" ({self.where})" if self.where else ""
-        return f"diagram '{self.diagram}'{place} has {numbered(self.problems)}"
+        return without_controls(f"diagram '{self.diagram}'{place} has {numbered(self.problems)}")
 
 
 class AlgebraicLoop(DiagramError):
@@ -110,7 +122,7 @@ class FileError(TsmError):
         super().__init__(path, self.problems)
 
     def __str__(self) -> str:
-        return f"{self.path} has {numbered(self.problems)}"
+        return without_controls(f"{self.path} has {numbered(self.problems)}")
 
 
 class DataError(TsmError):

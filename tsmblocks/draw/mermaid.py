@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from tsmblocks.common.errors import TsmError
+from tsmblocks.common.errors import TsmError, without_controls
 from tsmblocks.draw.graph import PRODUCTS, SUMS, symbol_of
 from tsmblocks.model.diagram import Diagram, required_diagram
 
@@ -47,7 +47,7 @@ def to_mermaid(diagram: Diagram) -> str:
     <BLANKLINE>
     """
     diagram = required_diagram(diagram, "drawn", TsmError)
-    lines = ["---", f"title: {json.dumps(diagram.title, ensure_ascii=False)}", "---"] if diagram.title else []
+    lines = ["---", f"title: {_title(diagram.title)}", "---"] if diagram.title else []
     lines.append("flowchart LR")
     lines += [f"  in_{name}([{_quoted(name)}])" for name in diagram.inputs]
     for name, block in diagram.blocks.items():
@@ -79,8 +79,13 @@ def _ports(diagram: Diagram, source: tuple[str, str], target: tuple[str, str]) -
     return f"|{_quoted(text)}|" if text else ""
 
 
+def _title(text: str) -> str:
+    """A title as YAML has it, in which no directive of Mermaid's (``%%{init…}%%``) begins."""
+    return json.dumps(without_controls(text), ensure_ascii=False).replace("%%", "%\\u0025")
+
+
 def _quoted(*lines: str) -> str:
     """Text in quotes, with what Mermaid would read as its own notation written as codes."""
-    codes = {c: f"#{ord(c)};" for c in '"#<>&`|\\'}
-    plain = [" ".join(line.split()) for line in lines if line]
+    codes = {c: f"#{ord(c)};" for c in '"#<>&`|\\%'}
+    plain = [" ".join(without_controls(line).split()) for line in lines if line]
     return '"' + "<br/>".join("".join(codes.get(c, c) for c in line) for line in plain) + '"'

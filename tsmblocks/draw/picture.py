@@ -7,6 +7,7 @@ Lengths are pixels, x to the right and y downwards. Everything that carries a wi
 from __future__ import annotations
 
 import unicodedata
+from itertools import accumulate
 
 import attrs
 
@@ -43,17 +44,23 @@ _WIDTH = {c: width for chars, width in _WIDTHS.items() for c in chars}
 
 def text_width(text: str, size: float) -> float:
     """An upper estimate of the width of a text that needs no font."""
-    visible = (c for c in text if not unicodedata.combining(c))
-    return size * sum(1.05 if unicodedata.east_asian_width(c) in "WF" else _WIDTH.get(c, 0.7) for c in visible)
+    return size * sum(map(_character_width, text))
+
+
+def _character_width(c: str) -> float:
+    if unicodedata.combining(c):
+        return 0.0
+    return 1.05 if unicodedata.east_asian_width(c) in "WF" else _WIDTH.get(c, 0.7)
 
 
 def fitted(text: str, size: float, width: float) -> str:
     """The text, cut with an ellipsis where it would be wider than ``width``."""
-    if text_width(text, size) <= width:
+    widths = [0.0, *accumulate(map(_character_width, text))]
+    if size * widths[-1] <= width:
         return text
-    while text and text_width(text + "…", size) > width:
-        text = text[:-1]
-    return text.rstrip() + "…"
+    end = _character_width("…")
+    kept = next((k for k in range(len(text), 0, -1) if size * (widths[k] + end) <= width), 0)
+    return text[:kept].rstrip() + "…"
 
 
 @attrs.frozen

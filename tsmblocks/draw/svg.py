@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
 
+from tsmblocks.common.errors import without_controls
 from tsmblocks.draw.compose import layout
 from tsmblocks.draw.picture import FRAME, PAPER, Box, Label, Point, Wire
 from tsmblocks.model.diagram import Diagram
@@ -77,9 +78,13 @@ def _n(value: float) -> str:
     return f"{value:.2f}".rstrip("0").rstrip(".")
 
 
+def _escaped(text: str) -> str:
+    return escape(without_controls(text), quote=False)
+
+
 def _quoted(value: str) -> str:
     """The value of an attribute."""
-    return '"' + escape(value, quote=False).replace('"', "&quot;") + '"'
+    return '"' + _escaped(value).replace('"', "&quot;") + '"'
 
 
 def _text(label: Label, accent: bool = False) -> str:
@@ -87,7 +92,7 @@ def _text(label: Label, accent: bool = False) -> str:
     bold = f' font-weight="{label.weight}"' if label.weight != "normal" else ""
     return (
         f'<text x="{_n(label.x)}" y="{_n(label.y)}" font-size="{_n(label.size)}"{anchor}{bold} '
-        f'fill="{label.colour(accent)}">{escape(label.text, quote=False)}</text>'
+        f'fill="{label.colour(accent)}">{_escaped(label.text)}</text>'
     )
 
 
@@ -112,7 +117,7 @@ def _circle(middle: Point, radius: float, rest: str) -> str:
 
 
 def _group(kind: str, attribute: str, name: str, about: str, parts: list[str]) -> str:
-    title = f"<title>{escape(about, quote=False)}</title>" if about else ""
+    title = f"<title>{_escaped(about)}</title>" if about else ""
     return f'<g class="{kind}" {attribute}={_quoted(name)}>{title}{"".join(parts)}</g>'
 
 

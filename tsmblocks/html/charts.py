@@ -12,6 +12,8 @@ import attrs
 import numpy as np
 from markupsafe import Markup
 
+from tsmblocks.common.errors import without_controls
+
 WIDTH = 360
 """Width of a chart, which is that of a phone; on wider screens charts stand beside each other."""
 LEFT, RIGHT = 46, WIDTH - 10
@@ -82,9 +84,9 @@ def ticks(low: float, high: float, most: int = TICKS) -> list[float]:
 
 def chart(parts: Sequence[str], height: float, words: str) -> Markup:
     """A whole chart; ``words`` say what it shows to those who do not see it."""
+    label = escape(without_controls(words))
     return Markup(
-        f'<svg class="chart" viewBox="0 0 {WIDTH} {_n(height)}" role="img" aria-label="{escape(words)}">'
-        f"{''.join(parts)}</svg>"
+        f'<svg class="chart" viewBox="0 0 {WIDTH} {_n(height)}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
     )
 
 
@@ -176,7 +178,7 @@ def text(x: float, y: float, words: str, anchor: str = "start", kind: str = "") 
     """A text; ``anchor`` is which end of it ``x`` is."""
     where = "" if anchor == "start" else f' text-anchor="{anchor}"'
     own = f' class="{kind}"' if kind else ""
-    return f'<text{own} x="{_n(x)}" y="{_n(y)}"{where}>{escape(words, quote=False)}</text>'
+    return f'<text{own} x="{_n(x)}" y="{_n(y)}"{where}>{escape(without_controls(words), quote=False)}</text>'
 
 
 def thinned(t: np.ndarray, y: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from tsmblocks.common.errors import without_controls
+
 FLUSH_LEFT = "l:"
 """Prefix of the name of a column that is flush left."""
 
@@ -23,6 +25,7 @@ def _templates() -> Environment:
     environment = Environment(
         loader=PackageLoader("tsmblocks.html"),
         autoescape=True,
+        finalize=_without_controls,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -31,6 +34,11 @@ def _templates() -> Environment:
     environment.filters["sentence"] = sentence
     environment.tests["flush_left"] = lambda name: name.startswith(FLUSH_LEFT)
     return environment
+
+
+def _without_controls(value: Any) -> Any:
+    """What a template shows of a value: of text that is to be escaped, no control characters."""
+    return without_controls(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def rendered(template: str, values: Mapping[str, Any]) -> str:
@@ -52,5 +60,10 @@ def style(name: str) -> Markup:
 
 def sentence(words: str) -> Markup:
     """A sentence as HTML; a number and its percent sign stay together."""
-    kept = str(escape(words)).replace(" %", "&nbsp;%").replace(" ± ", "&nbsp;±&nbsp;").replace(" -&gt;", "&nbsp;→")
+    kept = (
+        str(escape(without_controls(words)))
+        .replace(" %", "&nbsp;%")
+        .replace(" ± ", "&nbsp;±&nbsp;")
+        .replace(" -&gt;", "&nbsp;→")
+    )
     return Markup(kept)
