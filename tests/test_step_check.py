@@ -322,6 +322,12 @@ def test_a_transient_in_the_midst_of_a_long_run_is_looked_at():
         assert "It begins to differ at t = 11.5" in said[0]
 
 
+def test_where_an_error_grows_up_to_the_end_of_what_was_looked_at_it_is_followed():
+    case = step_cases.build(7108)
+    assert case.stop / case.step > 2 * step_look.WHOLE_STEPS
+    assert len(warned(case.diagram, **case.run)[0]) == 1
+
+
 @pytest.mark.parametrize("seed", [4111, 4178])
 def test_a_run_with_more_located_switches_than_are_located_again_is_compared_with_steps_that_do_not_locate(seed):
     case = step_cases.build(seed)

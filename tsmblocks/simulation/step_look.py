@@ -242,6 +242,7 @@ def _confirmed(looks: list[Look], finer: float, allowed: float) -> list[Part]:
     """The doubts that are left of looks in doubled steps once they have been looked at in halved ones, the worst first.
 
     Differences at the others are taken to shrink in the same proportion, and are no doubt where they are small then.
+    Where they still grow at the end of a part, it is made longer.
     """
     left = list[Part]()
     ratios = list[float]()
@@ -252,10 +253,12 @@ def _confirmed(looks: list[Look], finer: float, allowed: float) -> list[Part]:
         if finer > 1 or part.n == one.run.steps:
             left.append(part)
             continue
-        halved = looks_at(one.run, [part], 2.0)[0].most
-        ratios.append(_shrinking(one, halved))
-        if halved > (TOLERANCE if one.run.complete else HALVED * TOLERANCE):
+        halved = looks_at(one.run, [part], 2.0)[0]
+        ratios.append(_shrinking(one, halved.most))
+        if halved.most > (TOLERANCE if one.run.complete else HALVED * TOLERANCE):
             left.append(part)
+        elif FOLLOWED * halved.grown > HALVED * TOLERANCE:
+            left.append(_longer(one.run, part))
     return left
 
 
@@ -287,7 +290,7 @@ def _drifts(run: Taken, looks: list[Look], finer: float, allowed: float) -> bool
 
 def _longer(run: Taken, part: Part) -> Part:
     """A part that is ``FOLLOWED`` times as long, from the same step or the nearest before for which there is one."""
-    n = FOLLOWED * part.n
+    n = min(FOLLOWED * part.n, run.steps)
     starts = [(run.k, run.begin), *run.session.marks]
     k, memory = max((one for one in starts if one[0] <= min(part.k, run.k + run.steps - n)), key=lambda one: one[0])
     return Part(memory, k, n)
