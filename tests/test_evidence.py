@@ -269,6 +269,34 @@ def test_a_load_that_steps_in_one_recording_of_a_motor_is_named_at_its_drive():
     assert one.parameters["size@r1"].low < -0.004 < one.parameters["size@r1"].high
 
 
+@pytest.mark.parametrize("teeth", [17, 24])
+def test_cogging_of_many_teeth_is_named(teeth):
+    """Between two trial values far apart the search ended elsewhere, and a drift was named; by SciPy at 1e-9."""
+    from scipy.integrate import solve_ivp
+
+    model, records, draw, t = tsm.load("motor_linear"), {}, np.random.default_rng(8), np.arange(0.0, 15.0, 0.02)
+    gain, lag = (model.parameters[f"motor.{name}"] for name in ("K", "tau"))
+    for k in range(3):
+        f, phase = draw.uniform(0.15, 0.9, 3), draw.uniform(0, 6, 3)
+
+        def drive(now, f=f, phase=phase):
+            return (
+                1.2 / gain * (2 * np.pi * f * np.sin(2 * np.pi * f * np.asarray(now)[..., None] + phase)).sum(axis=-1)
+            )
+
+        def slope(now, state, drive=drive):
+            force = drive(now) - 0.02 * np.sin(teeth * state[0] + 1.0)
+            return [state[1], (gain * force - state[1]) / lag]
+
+        x = solve_ivp(slope, (0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-12, max_step=0.01).y[0]
+        noisy = x + 0.003 * draw.standard_normal(len(t))
+        records[f"r{k}"] = tsm.Record(f"r{k}", t, {"u": drive(t), "x": noisy}, {"u": "V", "x": "rad"})
+    found = tsm.diagnose(model, records, effects=["position_ripple", "drift", "jump", "coulomb_friction"])
+    (one,) = found.effects
+    assert one.name == "position_ripple"
+    assert one.parameters["force.cycles"].value == pytest.approx(teeth, rel=0.01)
+
+
 def test_a_drift_has_a_rate_of_its_own_where_recordings_share_no_clock():
     rates = (0.02, -0.03, 0.0, 0.05)  # deg/s
     records = without_clock(recordings("white", 8), lambda k, t, y: y + rates[k] * DEG * t)

@@ -11,6 +11,11 @@ from tsmblocks.diagnosis.decision import FittedCandidate
 from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, accepted_count, rounds_for, search_round
 from tsmblocks.diagnosis.model import Model
 
+MAX_OWN = 2
+"""Effects of time with sizes of their own in each experiment that are named, at most. Chosen: with three of them, any
+error that comes and goes is imitated."""
+SAME_LINE = 0.02
+"""Relative distance of a frequency from a multiple of another one up to which they are one line. Chosen."""
 SAME_INSTANT = 10.0
 """Distance of two changes [transition times] up to which they are one event. Chosen: far from samples to events."""
 
@@ -18,17 +23,16 @@ SAME_INSTANT = 10.0
 def without_recurring_events(
     rounds: Sequence[SearchRound], search: SearchContext
 ) -> tuple[list[SearchRound], list[str]]:
-    """Rounds without sudden changes, where there are several at different instants of each experiment, and a note.
+    """Rounds without effects of time that imitate an irregular error, and a note on them.
 
-    One change in each experiment is an event. With more of them, each of any size and at any instant, anything that
-    comes and goes is imitated, such as sticking now and then.
+    One sudden change in each experiment is an event. With more of them, each of any size and at any instant, anything
+    that comes and goes is imitated, such as sticking now and then; so it is by several disturbances of any phase.
     """
     rounds = list(rounds)
     count = accepted_count(rounds, search)
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
-    events = [one for one in named if _has_own_instants(one)]
-    last = rounds[count].base
-    if not any(_apart(last, one, other) for k, one in enumerate(events) for other in events[:k]):
+    events = _imitations(rounds[count].base, named)
+    if not events:
         return rounds, []
     kept = [one for one in named if one not in events]
     made, model, shrinkage = rounds_for(rounds[0].base, kept, search)
@@ -37,10 +41,27 @@ def without_recurring_events(
     made.append(attrs.evolve(ended, verdict=attrs.evolve(ended.verdict, named=None, indistinguishable=())))
     words = ", ".join(dict.fromkeys(one.candidate.effect.words for one in events))
     text = (
-        f"{len(events)} sudden changes ({words}) would be needed at different instants of each experiment: what comes "
-        "and goes so often is no single event, and it is not named."
+        f"{len(events)} effects of time ({words}) would be needed, of another size in each experiment: what comes and "
+        "goes so often is irregular, and it is not named."
     )
     return made, [text]
+
+
+def _imitations(last: Model, named: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+    """Of the effects that were named, those that imitate an irregular error."""
+    sudden = [one for one in named if _has_own_instants(one)]
+    if any(_apart(last, one, other) for k, one in enumerate(sudden) for other in sudden[:k]):
+        return sudden
+    own = [one for one in named if one.candidate.effect.family == "time" and one.candidate.local]
+    alone = [one for k, one in enumerate(own) if not any(_harmonic(last, one, other) for other in own[:k])]
+    return own if len(alone) > MAX_OWN else []
+
+
+def _harmonic(last: Model, one: FittedCandidate, other: FittedCandidate) -> bool:
+    """Whether two effects have frequencies of which one is a multiple of the other."""
+    values = [last.values.get(f"{effect.candidate.block}.frequency", 0.0) for effect in (one, other)]
+    low, high = sorted(values)
+    return low > 0 and abs(high / low - round(high / low)) < SAME_LINE * high / low
 
 
 def _has_own_instants(one: FittedCandidate) -> bool:

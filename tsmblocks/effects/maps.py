@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import attrs
+import numpy as np
 
 from tsmblocks.blocks import (
     Bend,
@@ -33,7 +34,8 @@ REST_REACH = 5.0
 """Where a spring may rest, from the middle of the motion [half its range]. Chosen: farther off it pulls evenly."""
 MIN_PERIODS = 1.15
 """Periods of a ripple in the range of motion, at least. Chosen: less is a nonlinear characteristic."""
-
+MAX_PERIODS = {2: 40.0, 4: 20.0}
+"""The same at most, by the number of amplitudes. Chosen: 80 simulations for each of two."""
 ONE_HARMONIC, TWO_HARMONICS = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
 """Names of the amplitudes of a ripple with one harmonic, and with two."""
 
@@ -103,9 +105,10 @@ def _bow_trials(scales: Scales) -> Trials:
 
 def _ripple_trials(reach: float, size: float, names: tuple[str, ...]) -> Trials:
     """Trial values of a ripple with more than one period in the range: less is a nonlinear characteristic."""
-    periods = (1.2, 1.35, 1.5, 1.75, 2.0, 2.4, 2.8, 3.3, 3.9, 4.6, 5.4, 6.3, 7.3, 8.4, 9.6, 11.0, 13.0, 15.0)
+    # A start that is off by a quarter of a period over the whole range leads to the right one.
+    periods = (1.2, 1.35, 1.5, 1.75, *np.arange(2.0, MAX_PERIODS[len(names)], 0.5).tolist())
     shapes = tuple({"cycles": math.pi * n / reach} for n in periods)
-    bounds = {"cycles": (MIN_PERIODS * math.pi / reach, 40 * math.pi / reach)}
+    bounds = {"cycles": (MIN_PERIODS * math.pi / reach, max(MAX_PERIODS.values()) * math.pi / reach)}
     return Trials(dict.fromkeys(names, size), shapes, bounds=bounds)
 
 
