@@ -134,8 +134,8 @@ def test_a_broken_header_of_an_array(header, file):
     assert refusal(file("a.npy", content)).startswith("a.npy: this is not a NPY file of plain numbers")
 
 
-def bomb(tmp_path, size=400_000_000):
-    """An archive of 0.4 MB with an array of 400 MB."""
+def bomb(tmp_path, size=100_000_000):
+    """An archive of 0.1 MB with an array of 100 MB."""
     path = tmp_path / "a.npz"
     with (
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
@@ -150,8 +150,8 @@ def bomb(tmp_path, size=400_000_000):
 def test_an_archive_is_measured_before_it_is_unpacked(tmp_path, monkeypatch):
     path = bomb(tmp_path)
     assert path.stat().st_size < 1_000_000
-    monkeypatch.setattr(memory, "free_memory", lambda: 1e9)
-    assert refusal(path) == "a.npz: reading it would take 1.2 GB of memory, and 1 GB are free."
+    monkeypatch.setattr(memory, "free_memory", lambda: 2e8)
+    assert refusal(path) == "a.npz: reading it would take 300 MB of memory, and 200 MB are free."
 
 
 # ---- MAT 5
@@ -226,8 +226,8 @@ def test_mat_files_of_scipy_are_whole(tmp_path):
 
 
 def test_a_variable_is_measured_while_it_is_unpacked(file, monkeypatch):
-    monkeypatch.setattr(memory, "free_memory", lambda: 1e8)
-    path = file("a.mat", mat5(element(14, bytes(200_000_000)), compressed=True))
+    monkeypatch.setattr(memory, "free_memory", lambda: 5e7)
+    path = file("a.mat", mat5(element(14, bytes(60_000_000)), compressed=True))
     assert "a variable, unpacked, would take" in refusal(path)
 
 

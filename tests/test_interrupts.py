@@ -53,7 +53,7 @@ RUN = ["run", "fig09b_feedforward", "--stop", "0.1", "--out", "a.csv"]
 
 
 @POSIX_ONLY
-@pytest.mark.parametrize("count", [4, 9, 25, 60, 110, 160, 220])
+@pytest.mark.parametrize("count", [4, 25, 110, 200])
 def test_ctrl_c_while_modules_are_imported(count, tmp_path):
     """The status of a process that the signal ended is 130 in a shell, too."""
     done = interrupted(tmp_path, RUN, count)
@@ -65,7 +65,7 @@ def test_ctrl_c_while_modules_are_imported(count, tmp_path):
 
 @POSIX_ONLY
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-@pytest.mark.parametrize("after", ["tsmblocks.simulation.simulate", "tsmblocks.engine.jit", "tsmblocks.data.writing"])
+@pytest.mark.parametrize("after", ["tsmblocks.simulation.simulate", "tsmblocks.data.writing"])
 def test_sigterm_leaves_what_ctrl_c_leaves(name, after, tmp_path):
     done = interrupted(tmp_path, RUN, name=name, after=after)
     assert done.returncode in (INTERRUPTED, -signal.SIGINT)

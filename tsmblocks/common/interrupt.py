@@ -86,6 +86,14 @@ _NOTED = InterruptFlag()
 """Whether Ctrl-C was pressed since the command began."""
 
 
+def _interrupt_main() -> None:
+    """Send SIGINT to the main thread, which ends a call of the system in which it waits."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    else:
+        signal.raise_signal(signal.SIGINT)
+
+
 def _raise_noted(*details: Any) -> None:
     _NOTED.stop = True
     signal.default_int_handler(*details)
@@ -104,7 +112,7 @@ def note_interrupts(last: bool = False) -> Iterator[InterruptFlag]:
 
     def unraisable(what: Any) -> None:
         if isinstance(what.exc_value, KeyboardInterrupt):
-            threading.Timer(RAISED_AGAIN_AFTER, signal.raise_signal, [signal.SIGINT]).start()
+            threading.Timer(RAISED_AGAIN_AFTER, _interrupt_main).start()
         else:
             hook(what)
 

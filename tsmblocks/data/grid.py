@@ -63,6 +63,20 @@ def refuse_uneven(record: Record, what: str) -> None:
         )
 
 
+def refuse_bad_times(record: Record, what: str) -> None:
+    """Raise DataError unless there are several samples at finite times that increase; ``what`` needs them."""
+    t = record.t
+    if len(t) < 2:
+        raise DataError(f"{record.called}: {what} needs several samples, and there are {len(t)}.")
+    bad = np.flatnonzero(~np.isfinite(t))
+    if not len(bad):
+        bad = np.flatnonzero(np.diff(t) <= 0) + 1
+    if len(bad):
+        raise DataError(
+            f"{record.called}: the time of sample {bad[0]} is {t[bad[0]]:g} s, and {what} needs times that increase."
+        )
+
+
 def refuse_not_finite(record: Record, names: Iterable[str], what: str) -> None:
     """Raise DataError for samples of these signals that are not finite; ``what`` (filtering) would spread them."""
     for name in names:

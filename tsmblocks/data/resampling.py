@@ -9,7 +9,7 @@ import numpy as np
 from tsmblocks.common.errors import DataError, in_words
 from tsmblocks.common.interpolation import found_hold, interpolation
 from tsmblocks.data.filters import low_pass
-from tsmblocks.data.grid import mean_step, refuse_not_finite
+from tsmblocks.data.grid import mean_step, refuse_bad_times, refuse_not_finite
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
@@ -49,18 +49,19 @@ def resampled(self: Record, step: float | None = None) -> Record:
     DataError
         For a step that does not fit, and for samples that are not finite.
     """
+    refuse_bad_times(self, "resampling")
     t, own = self.t, self.step
     step = mean_step(t) if step is None else float(step)
-    span = t[-1] - t[0]
+    span = float(t[-1]) - float(t[0])
     if not 0 < step <= span / 3:
         raise DataError(
             f"{self.called}: the new step must be above 0 s and at most a third of the record ({span:g} s), "
             f"got {step:g} s."
         )
     refuse_not_finite(self, self, "resampling")
+    if span / step >= MAX_SAMPLES:
+        raise DataError(f"{self.called}: a step of {step:g} s makes {span / step + 1:.12g} samples; is it in seconds?")
     count = int(span / step * (1 + 1e-12) + 1e-6) + 1
-    if count > MAX_SAMPLES:
-        raise DataError(f"{self.called}: a step of {step:g} s makes {count} samples; is it in seconds?")
     grid = t[0] + step * np.arange(count)
     grid[-1] = min(grid[-1], t[-1])
     if step > 1.05 * own:

@@ -55,7 +55,7 @@ def load(name_or_path: str | os.PathLike[str]) -> Diagram:
 def load_beside(folder: Path, name: str) -> Diagram:
     """The diagram in the file ``name`` of a folder, where there is one, else as ``load``. Raises as ``load``."""
     beside = folder / name
-    return load(beside if beside.is_file() else name)
+    return load(beside if _is_file(beside) else name)
 
 
 def loads(text: str, where: str = "<text>", folder: str | os.PathLike[str] | None = None) -> Diagram:

@@ -23,6 +23,8 @@ from tsmblocks.common.errors import DataError, clip
 
 FORMAT = 1
 """Version of the format of the facts."""
+RUN_DIGITS = 18
+"""Digits of the number of a run, at most. Derived: NumPy counts with 64 bits."""
 DIGESTS = {"diagram": "other blocks, wires or numbers", "plan": "other parameters or values", "inputs": "other samples"}
 """Facts of which only a digest is kept, with the reason that a message gives where they differ."""
 
@@ -56,7 +58,7 @@ def read_table(path: Path) -> Table:
     heading = tuple(lines[0]) if lines else ()
     rows = {}
     for k, row in enumerate(lines[1:], start=2):
-        if len(row) != len(heading) or not (row[0].isascii() and row[0].isdecimal()):
+        if len(row) != len(heading) or not (row[0].isascii() and row[0].isdecimal() and len(row[0]) <= RUN_DIGITS):
             raise DataError(
                 f"{path}:{k}: {len(heading)} columns are wanted, the first being the number of a run; "
                 f"got {clip(','.join(row), 60)!r}."
