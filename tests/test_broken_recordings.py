@@ -231,6 +231,40 @@ def test_a_variable_is_measured_while_it_is_unpacked(file, monkeypatch):
     assert "a variable, unpacked, would take" in refusal(path)
 
 
+# ---- Excel and Parquet
+
+
+def test_a_cell_far_off_does_not_make_a_sheet_endless(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book, path = openpyxl.Workbook(), tmp_path / "a.xlsx"
+    for row in [("t", "x"), *((k, k * k) for k in range(10))]:
+        book.active.append(row)
+    book.active.cell(1_048_576, 16_384).value = 3
+    book.save(path)
+    with pytest.raises(DataError, match="the sheet 'Sheet' covers more than 50,000,000 cells"):
+        read(path)
+
+
+@pytest.mark.parametrize("part", ["xl/workbook.xml", "xl/worksheets/sheet1.xml"])
+def test_a_spreadsheet_with_a_part_that_is_broken(part, tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book, path = openpyxl.Workbook(), tmp_path / "a.xlsx"
+    book.active.append(("t", "x"))
+    book.save(tmp_path / "good.xlsx")
+    with zipfile.ZipFile(tmp_path / "good.xlsx") as good, zipfile.ZipFile(path, "w") as broken:
+        for name in good.namelist():
+            broken.writestr(name, good.read(name).replace(b"<sheet", b"<she") if name == part else good.read(name))
+    assert refusal(path)
+
+
+def test_columns_of_no_rows(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    empty = {"t": pyarrow.array([], pyarrow.timestamp("s")), "x": pyarrow.array([], pyarrow.float64())}
+    parquet.write_table(pyarrow.table(empty), tmp_path / "a.parquet")
+    assert refusal(tmp_path / "a.parquet").startswith("a.parquet: no arrays of one length were found")
+
+
 # ---- HDF5 and MAT 7.3
 
 

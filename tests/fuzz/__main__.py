@@ -4,13 +4,19 @@ import argparse
 import sys
 import tempfile
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 from tests.fuzz.attack import attack
-from tests.fuzz.targets import TARGETS
+from tests.fuzz.targets import NEEDS, TARGETS
 
 ROUND = 10.0
 """Seconds for one target before the next has its turn."""
+
+
+def _can_be_attacked(name: str) -> bool:
+    """Whether the package that writes the good files of a target is installed."""
+    return all(map(find_spec, NEEDS.get(name, ())))
 
 
 def main() -> int:
@@ -23,7 +29,7 @@ def main() -> int:
     args = parser.parse_args()
     until, seed, found = time.monotonic() + args.seconds, args.seed, dict[str, bytes]()
     while time.monotonic() < until:
-        for name in args.targets or TARGETS:
+        for name in args.targets or filter(_can_be_attacked, TARGETS):
             with tempfile.TemporaryDirectory() as folder:
                 left = min(ROUND, max(until - time.monotonic(), 0.0))
                 count = attack(name, Path(folder), seed, seconds=left)

@@ -24,6 +24,7 @@ from tsmblocks.metrics import conditions
 from tsmblocks.metrics.metrics import metrics
 from tsmblocks.studies.files import load_study
 from tsmblocks.studies.results import read_study
+from tsmblocks.testing.guards import read_guards
 from tsmblocks.testing.tracking import Baseline, read_baseline
 
 T = np.arange(200) / 100
@@ -109,6 +110,21 @@ def _hdf5(path: Path) -> None:
         group.attrs["MATLAB_class"] = np.bytes_("struct")
 
 
+def _xlsx(path: Path) -> None:
+    from openpyxl import Workbook
+
+    book = Workbook()
+    for row in [["t [s]", "x [deg]"], *([t, float(np.sin(t))] for t in T[:40].tolist())]:
+        book.active.append(row)
+    book.save(path)
+
+
+def _parquet(path: Path) -> None:
+    from pyarrow import parquet, table
+
+    parquet.write_table(table({"t": T, "x": np.sin(T)}), path)
+
+
 def _rows() -> str:
     return json.dumps([{"t": t, "x": t * t} for t in T[:20]])
 
@@ -128,6 +144,8 @@ RECORDINGS = {
     "mat": recording(".mat", _record, _old_mat(), _old_mat(do_compression=True), _old_mat(format="4"), _hdf5),
     "hdf5": recording(".h5", _hdf5),
     "json": recording(".json", _text(_rows()), _text(_split()), _text(_named())),
+    "xlsx": recording(".xlsx", _xlsx),
+    "parquet": recording(".parquet", _parquet),
     "jsonl": recording(".jsonl", _text("\n".join(json.dumps({"t": k, "x": k * k}) for k in range(20)))),
 }
 
@@ -206,6 +224,17 @@ theta = { low = 3.0, high = 5.0, count = 3 }
 "controller.kp" = [1.0, 2.0]
 [metrics]
 error = "rms(x_ref - x_out)"
+"""
+GUARD = """\
+format = 1
+diagram = "fig09b_feedforward"
+stop = 2.0
+tolerance = "tight"
+[metrics]
+"rms [deg]" = "rms(x_ref - x_out, after=1)"
+"highest voltage" = { of = "largest(u)", tolerance = "loose" }
+[cases]
+fast = { theta = 4.0 }
 """
 BASELINE = Baseline({"error": 0.25}, {"error": "rad"}, T[:5], {"x": T[:5]}, {"x": "rad"}).text()
 
@@ -289,9 +318,12 @@ TARGETS = {
     "diagram": text_file("spoilt.toml", _diagrams, _use_diagram),
     "study": text_file("study.toml", lambda _: [STUDY], load_study),
     "results": Target(_spoilt_results, read_study),
+    "guard": text_file("spoilt.tracking.toml", lambda _: [GUARD], read_guards),
     "baseline": text_file("baseline.toml", lambda _: [BASELINE], read_baseline),
     "expression": Target(_words_of(EXPRESSIONS), _use_expression),
     "unit": Target(_words_of(UNITS), _use_unit),
     "command": Target(_command_line, _run_command),
 }
 """Targets by name."""
+NEEDS = {"hdf5": ["h5py"], "mat": ["h5py"], "xlsx": ["openpyxl"], "parquet": ["pyarrow"]}
+"""Packages that write the good files."""

@@ -6,7 +6,7 @@ import pytest
 
 from tests.fuzz.attack import attack
 from tests.fuzz.mutation import mutated, reworded
-from tests.fuzz.targets import TARGETS
+from tests.fuzz.targets import NEEDS, TARGETS
 
 INPUTS = {"command": 40, "diagram": 60, "mat": 80, "hdf5": 80}
 """Inputs by target where each takes longer than the others."""
@@ -15,8 +15,8 @@ SEED = 1
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_nothing_but_refusals(name, tmp_path):
-    if name in ("hdf5", "mat"):
-        pytest.importorskip("h5py")
+    for package in NEEDS.get(name, ()):
+        pytest.importorskip(package)
     count = attack(name, tmp_path, SEED, inputs=INPUTS.get(name, 150))
     assert count.faults == {}
     assert count.refused > 0

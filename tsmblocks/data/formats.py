@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date, datetime, time
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from tsmblocks.common.errors import DataError, clip, in_words, near
 from tsmblocks.common.interpolation import found_hold, interpolation
 from tsmblocks.common.memory import refuse_too_large
-from tsmblocks.data.containers import Arrays, arrays
+from tsmblocks.data.containers import COPIES, Arrays, arrays
 from tsmblocks.data.grid import step_of
 from tsmblocks.data.structures import MAX_NESTING
 from tsmblocks.data.text import Text, text_of
@@ -29,6 +30,10 @@ UNREAD = {
 """Formats that are refused, by ending: read as text, each of them would give a fault that does not help."""
 JSON_BYTES = 20
 """Bytes of memory for one of a JSON file. Derived: a list takes 56 bytes and its place in another 8, of "[],"."""
+XML_BYTES = 3
+"""Bytes of memory for one of the XML in an Excel file. Chosen: a cell takes as much there as in memory, about."""
+MOST_CELLS = 50_000_000
+"""Cells that a sheet may cover. Chosen: passing them takes some ten seconds."""
 MAX_DIGITS = 300
 """Digits from which a whole number is infinite. Chosen: floats end at 1.8e308."""
 
@@ -158,23 +163,40 @@ def open_xlsx(path: Path, columns: Sequence[str] | None, group: str | None = Non
     except ImportError:
         _refuse_without(path, "Excel", "openpyxl", "excel")
     try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(one.file_size for one in archive.infolist())
+        refuse_too_large(XML_BYTES * size, f"{path}: reading it")
         book = load_workbook(path, read_only=True, data_only=True)
+        try:
+            if group is not None and group not in book.sheetnames:
+                raise DataError(f"{path}: there is no sheet '{group}'.{near(group, book.sheetnames)}")
+            sheet = book[group] if group else book.worksheets[0]
+            rows = _sheet_rows(path, sheet)
+        finally:
+            book.close()
+    except DataError:
+        raise
     except Exception as error:  # openpyxl and zipfile raise errors of any kind on a damaged file
         raise DataError(f"{path}: this is not an XLSX file that can be read ({error}).") from None
-    try:
-        if group is not None and group not in book.sheetnames:
-            raise DataError(f"{path}: there is no sheet '{group}'.{near(group, book.sheetnames)}")
-        sheet = book[group] if group else book.worksheets[0]
-        rows = [[_cell(value) for value in row] for row in sheet.iter_rows(values_only=True)]
-    finally:
-        book.close()
     width = max((k + 1 for row in rows for k, cell in enumerate(row) if cell), default=0)
-    whole = "\n".join("\t".join(row[:width]) for row in rows)
+    whole = "\n".join("\t".join([*row[:width], *[""] * (width - len(row))]) for row in rows)
     others = [name for name in book.sheetnames if name != sheet.title]
     notes = (
         (f"Read from the sheet '{sheet.title}'; there are also {', '.join(others)}.",) if others and not group else ()
     )
     return text_of(path, whole, columns, notes)
+
+
+def _sheet_rows(path: Path, sheet: Any) -> list[list[str]]:
+    """The cells of a sheet as text. Raises DataError where one far off makes it cover more than a file can fill."""
+    rows, visited = [], 0
+    for row in sheet.iter_rows(values_only=True):
+        visited += len(row)
+        if visited > MOST_CELLS:
+            raise DataError(f"{path}: the sheet '{sheet.title}' covers more than {MOST_CELLS:,} cells.")
+        filled = next((k for k in range(len(row), 0, -1) if row[k - 1] is not None), 0)
+        rows.append([_cell(value) for value in row[:filled]])
+    return rows
 
 
 def _cell(value: Any) -> str:
@@ -196,7 +218,11 @@ def open_parquet(path: Path, columns: Sequence[str] | None, group: str | None = 
     if group:
         raise DataError(f"{path}: a group was given, but Parquet files have none.")
     try:
+        about = parquet.read_metadata(path)
+        refuse_too_large(COPIES * 8.0 * about.num_rows * about.num_columns, f"{path}: reading it")
         table = parquet.read_table(path)
+    except DataError:
+        raise
     except Exception as error:  # pyarrow raises errors of any kind on a damaged file
         raise DataError(f"{path}: this is not a Parquet file that can be read ({error}).") from None
     found, units = dict[str, Any](), dict[str, str]()
@@ -204,7 +230,7 @@ def open_parquet(path: Path, columns: Sequence[str] | None, group: str | None = 
         values, name = table.column(field.name), str(field.name)
         if types.is_timestamp(field.type):
             instants = values.to_numpy().astype("datetime64[ns]")
-            found[name], units[name] = (instants - instants[0]) / np.timedelta64(1, "s"), "s"
+            found[name], units[name] = (instants - instants[:1]) / np.timedelta64(1, "s"), "s"
         elif types.is_integer(field.type) or types.is_floating(field.type) or types.is_boolean(field.type):
             found[name] = np.array(values.to_pylist() if values.null_count else values.to_numpy(), dtype=float)
         label = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
