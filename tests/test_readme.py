@@ -107,7 +107,7 @@ def test_figures_of_the_peers_are_those_of_the_whole_run():
     assert len(rows) == 9
     for tool, *figures in rows[1:]:
         assert set(figures) <= set(printed[tool])
-    for figure in ("10000 |     4.79", "1290 |", "17.8 |", "57.7 |"):
+    for figure in ("10000 |     5.66", "1477 |", "16.8 |", "45.8 |", "5.51 |", "15.1 |"):
         assert figure in whole
 
 

@@ -5,6 +5,7 @@ import re
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,8 +29,9 @@ from tsmblocks.blocks import (
 from tsmblocks.cli import main
 from tsmblocks.common.errors import NotFinite
 from tsmblocks.engine.backends import CompiledKernel
+from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.zero_crossing import Crossing
-from tsmblocks.simulation import step_check, step_look
+from tsmblocks.simulation import step_advice, step_check, step_look
 from tsmblocks.simulation.repeated_steps import MOST_TURNS
 from tsmblocks.simulation.stability import StepWarning, no_step_warnings
 
@@ -203,6 +205,16 @@ def test_a_chaotic_run_is_said_not_to_settle():
     said, _ = warned(lorenz, stop=60.0, step=0.01)
     assert len(said) == 1
     assert "results do not settle: the diagram may be chaotic" in said[0]
+
+
+@pytest.mark.parametrize(("gaps", "step"), [((0.4, 0.2, 0.1), 2.0**-10), ((0.9, 0.63, 0.44), None)])
+def test_a_step_is_predicted_only_where_it_is_not_shorter_beyond_reason(gaps, step):
+    """At order 1 eight more halvings leave 0.1 / 256; at order 1/2 it would take twenty."""
+    plan = SimpleNamespace(method=method_named("rk4"))
+    session = SimpleNamespace(h=1.0, kernel=SimpleNamespace(plan=plan))
+    found = SimpleNamespace(run=SimpleNamespace(session=session), gaps=gaps, part=SimpleNamespace(n=10), states=None)
+    found.error = lambda _: np.zeros(1)
+    assert step_advice.advice(found, 5e-4).step == step
 
 
 # ---- when nothing is said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -69,9 +70,18 @@ def one(report: Report, title: str, diagram: Any, names: tuple[str, ...], inputs
     early = {name: v[: round(CHECKED * STEPS / STOP) + 1] for name, v in inputs.items()}
     few_sets = {name: v[some] for name, v in sets.items()}
     lanes_run = tsm.simulate_batch(diagram, few_sets, stop=CHECKED, inputs=early, outputs=outputs, threads=1)
+    compared = 0
     for lane, k in enumerate(some):
-        run = tsm.simulate(diagram, stop=CHECKED, inputs=early, parameters={name: v[k] for name, v in sets.items()})
+        own = {name: v[k] for name, v in sets.items()}
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            run = tsm.simulate(diagram, stop=CHECKED, inputs=early, parameters=own)
+        if any("results do not settle" in str(one.message) for one in heard):
+            continue  # rounding grows without bound in such a set
+        compared += 1
         off = max(off, *(float(np.abs(run[name] - lanes_run[name][lane]).max()) for name in outputs))
+    if compared < len(some) // 2:
+        off = np.inf
     if not report.check(f"batch, {title}", off, TOLERANCE):
         return
     single = lambda: tsm.simulate(diagram, stop=STOP, inputs=inputs, log="outputs")  # noqa: E731

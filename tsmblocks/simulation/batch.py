@@ -90,6 +90,12 @@ def simulate_batch(
     RunError, DataError
         As for ``simulate``.
 
+    Warns
+    -----
+    StepWarning
+        Where the step is too long for some of a few sets, the extremes of each parameter among them: for their fastest
+        poles, or for their runs, of which about a tenth of all steps at most is taken to check. It names the worst set.
+
     Examples
     --------
     >>> import tsmblocks as tsm

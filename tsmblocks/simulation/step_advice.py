@@ -20,6 +20,8 @@ SETTLING = 0.02
 """Difference between the two shortest steps up to which they tell what another way to run it should give. Chosen."""
 LEAST_ORDER = 0.4
 """Observed order of convergence below which no step is predicted. Chosen: half the order of a jump."""
+MOST_PREDICTED = 10
+"""Further halvings that are predicted, at most. Chosen: what needs a thousand times as many steps does not settle."""
 STIFF_HALVINGS = 3
 """Halvings that a step needs from which an implicit method is tried. Chosen: a stiff plant needs many more."""
 STIFF = " (the diagram is stiff)"
@@ -71,7 +73,7 @@ def advice(found: Examined, tolerance: float) -> Advice:
     if not tried and halved > 1 and gaps[-1] < math.inf:
         order = min(math.log2(gaps[-2] / gaps[-1]), rule.order)
         more = math.ceil(math.log2(gaps[-1] / tolerance) / order) if order > LEAST_ORDER else None
-        step = None if more is None else h / 2 ** (halved - 1 + more)
+        step = None if more is None or more > MOST_PREDICTED else h / 2 ** (halved - 1 + more)
 
     allowed = max(tolerance + 2 * gaps[-1], CLOSER * float(found.error(found.states).max()))
 
