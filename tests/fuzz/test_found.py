@@ -49,3 +49,11 @@ def test_tables_of_json_whose_rows_have_another_length(content, tmp_path):
     path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(TsmError, match="row 1 of 'data' must list"):
         tsm.read(path)
+
+
+def test_a_date_beyond_the_last_column(tmp_path):
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{k},{k * k}\n" for k in range(1, 10))
+    path.write_text(f"t,x\n0,0,2026-11-22 14:03:01.5\n{rows}", encoding="utf-8")
+    with pytest.raises(TsmError, match="row 2 has 3 cells, but there are 2 columns"):
+        tsm.read(path)

@@ -42,7 +42,10 @@ CLOSED = {"diagrams", "reference", "demo", "completion"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; the exit status. Nothing is raised; messages are printed on standard error."""
+    """Run one command; the exit status. Nothing is raised; messages are printed on standard error.
+
+    Without ``argv`` it is the command of this process, at whose end Ctrl-C is ignored: nothing is left to be stopped.
+    """
     try:
         with (
             note_interrupts(argv is None) as noted,

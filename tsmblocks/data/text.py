@@ -259,7 +259,8 @@ def text_of(path: Path, whole: str, columns: Sequence[str] | None, noted: Iterab
     if separator in (";", "\t") and any("," in line for line in lines[:50]):
         lines = [line.replace(",", ".") for line in lines]
         notes.append("Decimal commas were read as points.")
-    instants = {place: _instant(cell) for place, cell in enumerate(_cells(lines[0], separator) if lines else [])}
+    row = _cells(lines[0], separator)[: len(headings)] if lines else []
+    instants = {place: _instant(cell) for place, cell in enumerate(row)}
     clocks = {place: begin for place, begin in instants.items() if begin is not None}
     for place, begin in clocks.items():
         name = split_heading(headings[place])[0]
