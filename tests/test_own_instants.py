@@ -41,6 +41,7 @@ def test_a_jump_at_an_instant_of_its_own_in_each_recording_is_one_effect():
     for k, (size, instant) in enumerate(zip(sizes, instants, strict=True), start=1):
         assert values[f"time@r{k}"].value == pytest.approx(instant, abs=0.03)
         assert values[f"size@r{k}"].value == pytest.approx(size, abs=0.001)
+    assert "in r2, where it is largest" in str(found)
 
 
 def test_changes_that_come_and_go_at_many_instants_are_not_named():

@@ -51,9 +51,15 @@ def unit_of(diagram: Diagram, parameter: str) -> str:
 
 
 def main_parameter(effect: NamedEffect, segment: Segment) -> str:
-    """The parameter that gives the size of an effect: that of its detection limit, else the first."""
-    wanted = next((m.parameter for m in segment.limits if m.name == effect.name), "")
-    return wanted if wanted in effect.parameters else next(iter(effect.parameters), "")
+    """The parameter that gives the size of an effect: that of its detection limit, else the first.
+
+    Where each experiment has a value of its own, the largest one.
+    """
+    wanted, known = next((m.parameter for m in segment.limits if m.name == effect.name), ""), effect.parameters
+    main = wanted if wanted in known else next(iter(known), "")
+    name, _, experiment = main.partition("@")
+    same = [one for one in known if one.partition("@")[0] == name]
+    return max(same, key=lambda one: abs(known[one].value)) if experiment else main
 
 
 def output_traces(segment: Segment, output: str) -> tuple[Trace, ...]:

@@ -123,7 +123,9 @@ def _ahead(segment: Segment) -> str:
 
 def _size(effect: NamedEffect, segment: Segment) -> str:
     main = main_parameter(effect, segment)
-    size = f", {main.rpartition('.')[2]} {with_interval(effect.parameters[main])}" if main else ""
+    name, _, experiment = main.partition("@")
+    size = f", {name.rpartition('.')[2]} {with_interval(effect.parameters[main])}" if main else ""
+    size += f" in {experiment}, where it is largest" if experiment else ""
     block = "" if effect.block == effect.name else f" as block {effect.block}"
     return f"{effect.name}{block} on {effect.wire.strip()}{size}"
 
