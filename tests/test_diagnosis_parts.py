@@ -44,6 +44,7 @@ from tsmblocks.diagnosis.decision import (
     MIN_VARIANCE_REDUCTION,
     OUT_OF_BOUNDS_MARGIN,
     FittedCandidate,
+    _is_alone,
     decide,
     max_t_critical_value,
     mean_loss,
@@ -633,6 +634,32 @@ def test_what_is_worth_a_name(base, left, named):
     small = 0.01 * NOISE[0]
     verdict = decide(base + small, [stand_in(left + 0.01 * NOISE[1])], even(60), 1.0, 0)
     assert (verdict.named is not None) == named
+
+
+def with_own_sizes(losses):
+    """A stand-in with a size of its own in each experiment."""
+    one = stand_in(losses)
+    one.candidate.local = ("b.p0",)
+    return one
+
+
+@pytest.mark.parametrize(("elsewhere", "named"), [(0.0, True), (1.0, False)], ids=["nothing", "much"])
+def test_a_rare_effect_with_own_sizes_has_to_explain_nearly_all(elsewhere, named):
+    """What it removes is in two of 60 blocks."""
+    rare, part = np.zeros(60), even(60)
+    rare[[7, 31]] = 12.0, 8.0
+    base, best = 1.0 + elsewhere + rare + 0.1 * NOISE[0], with_own_sizes(1.0 + elsewhere + 0.1 * NOISE[1])
+    verdict = decide(base, [best], part, 1.0, 0)
+    assert verdict.t[0] <= verdict.critical_value
+    assert (verdict.named is best) == named
+
+
+def test_a_rare_effect_with_own_sizes_does_not_stand_beside_a_significant_one():
+    best, part, little = with_own_sizes(np.full(60, 1.0)), stand_in(np.full(60, 1.6)), stand_in(np.full(60, 1.9))
+    assert not _is_alone([best, part], [part], 2.0, 1.0)
+    assert _is_alone([best, part], [], 2.0, 1.0)
+    assert _is_alone([best, little], [little], 2.0, 1.0)
+    assert _is_alone([part, best], [part], 2.0, 1.0)  # one size for all
 
 
 def test_what_the_noise_of_inputs_may_do_is_not_named():

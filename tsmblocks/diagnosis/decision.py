@@ -23,6 +23,9 @@ CONCENTRATED_SCATTERS = 10.0
 """Largest gain of a block [scatters of the blocks] from which gains are concentrated. Chosen: beyond a normal tail."""
 CONCENTRATED_RATIO = 5.0
 """How many times the largest loss of a block the largest gain has to be as well. Chosen: noise does both alike."""
+RIVAL_SHARE, RARE_SHARE = 0.25, 0.9
+"""Of a rare effect with sizes of its own in each experiment: share of what it removes that a significant effect with
+one size for all may remove, and share of the excess that it has to remove. Chosen: little, and nearly all."""
 MIN_SCATTER = 0.02
 """Scatter of the gains [noise variances] added to the measured one. Chosen: gains below it are of no interest."""
 MAD_TO_STANDARD_DEVIATION = 1.4826
@@ -195,12 +198,10 @@ def decide(
     t, critical_value = t_statistics(gains, blocks), max_t_critical_value(gains, blocks, seed)
     before, best = mean_loss(base, blocks), ranking[0]
     removed, concentrated_size = before - best.loss, CONCENTRATED_FACTOR * MIN_VARIANCE_REDUCTION * noise_variance
-    significant = t[0] > critical_value or (_concentrated(gains[0]) and removed >= concentrated_size)
-    if (
-        best.disqualifying_bounds
-        or not best.tenable
-        or not _is_acceptable(removed, before, significant, noise_variance)
-    ):
+    rare = _concentrated(gains[0]) and removed >= concentrated_size
+    significant = [one for one, value in zip(ranking, t, strict=True) if value > critical_value]
+    accepted = best in significant or (rare and _is_alone(ranking, significant, before, noise_variance))
+    if best.disqualifying_bounds or not best.tenable or not _is_acceptable(removed, before, accepted, noise_variance):
         return Verdict(tuple(ranking), tuple(t), critical_value)
     largest_difference = max(DISTINGUISHABLE_GAIN_SHARE * removed, INDISTINGUISHABLE_NOISE_SHARE * noise_variance)
     tolerance = max(INDISTINGUISHABLE_NOISE_SHARE * noise_variance, INDISTINGUISHABLE_GAIN_SHARE * removed)
@@ -237,6 +238,21 @@ def _simplest(named: FittedCandidate, ranking: Sequence[FittedCandidate], before
         and before - one.loss >= SIMPLER_EFFECT_SHARE * (before - named.loss)
     ]
     return special[0] if special else named
+
+
+def _is_alone(
+    ranking: Sequence[FittedCandidate], significant: Sequence[FittedCandidate], before: float, noise_variance: float
+) -> bool:
+    """Whether the best candidate may be a rare effect, whose gains are concentrated in a few blocks.
+
+    With sizes of its own in each experiment it imitates any few blocks of another effect: then it has to explain nearly
+    all, and no effect with one size for all may be significant that explains a part of it.
+    """
+    best, removed = ranking[0], before - ranking[0].loss
+    if not best.candidate.local:
+        return True
+    rivals = [one for one in significant if not one.candidate.local and before - one.loss > RIVAL_SHARE * removed]
+    return not rivals and removed >= RARE_SHARE * (before - noise_variance)
 
 
 def _is_acceptable(removed: float, before: float, significant: bool, noise_variance: float) -> bool:

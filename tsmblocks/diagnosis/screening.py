@@ -203,10 +203,12 @@ class _Screening:
         strengths, names = self.candidate.trials.strengths, self.problem.unknowns.experiments
         sets = [self._unknowns_at({**shape, name: size}) for shape in shapes for name, size in strengths.items()]
         changes, owner, k = self._changes(sets), self._owner, len(strengths)
-        apart = [np.where(owner[:, None] == e, changes, 0.0) for e in range(len(names))]
-        products = [Products.of(one, k, self.base, self.model.r, noise) for one in apart]
-        best = [one.best for one in products]
-        z = np.stack([one[:, i * k : (i + 1) * k] for one, i in zip(apart, best, strict=True)], axis=2)
+        products, best, z = [], [], np.empty((len(changes), k, len(names)))
+        for e in range(len(names)):  # one after another: for memory
+            one = np.where(owner[:, None] == e, changes, 0.0)
+            products.append(Products.of(one, k, self.base, self.model.r, noise))
+            best.append(products[-1].best)
+            z[:, :, e] = one[:, best[-1] * k : (best[-1] + 1) * k]
         (found,) = self._sized_trials([joined(shapes, best, names)], z.reshape(len(z), -1), None)
         return found if noise is None else attrs.evolve(found, noise_gains=noise_gains(products))
 
