@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 from types import SimpleNamespace
 
+import attrs
 import control
 import numpy as np
 import pytest
@@ -46,6 +48,7 @@ from tsmblocks.diagnosis.decision import (
     FittedCandidate,
     _is_alone,
     decide,
+    held_out_losses,
     max_t_critical_value,
     mean_loss,
     t_statistics,
@@ -566,6 +569,18 @@ def test_the_line_is_that_of_all_signs():
     line = max_t_critical_value(gains, part, 0)
     assert np.mean(np.array(highest) > line) == pytest.approx(0.05, abs=0.02)
     assert max_t_critical_value(gains, part, 0) == line
+
+
+def test_a_model_that_diverges_has_no_finite_loss_and_gives_no_warning():
+    """A warning of NumPy reached the user."""
+    model = fitted()
+    steep = attrs.evolve(model, J=attrs.evolve(model.J, common=np.full_like(model.J.common, np.inf)))
+    with np.errstate(all="warn"), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(RuntimeWarning):
+            held_out_residuals(steep, time_blocks(model.problem).fold, np.zeros(2), model.theta)
+        losses, _ = held_out_losses(steep, time_blocks(model.problem), {})
+    assert not np.isfinite(losses).any()
 
 
 def test_chance_passes_the_line_one_time_in_twenty():

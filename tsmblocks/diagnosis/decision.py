@@ -113,10 +113,11 @@ class FittedCandidate:
 def held_out_losses(model: Model, blocks: TimeBlocks, shrinkage: Shrinkage) -> tuple[np.ndarray, np.ndarray]:
     """Held-out losses of a model by blocks (B,), by folds and by whole experiments."""
     ridge, null = ridge_weights(shrinkage, model)
-    return (
-        blocks.losses(held_out_residuals(model, blocks.fold, ridge, null)),
-        blocks.losses(held_out_residuals(model, blocks.experiment, ridge, null)),
-    )
+    with np.errstate(all="ignore"):  # a model that diverges has losses that are not finite, and is not named
+        return (
+            blocks.losses(held_out_residuals(model, blocks.fold, ridge, null)),
+            blocks.losses(held_out_residuals(model, blocks.experiment, ridge, null)),
+        )
 
 
 def fitted_candidate(

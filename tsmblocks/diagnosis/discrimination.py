@@ -109,12 +109,14 @@ def separation(model: Model, known: np.ndarray, predicted: Mapping[str, Record],
     problem, setup = pose_extended(model, model.fitted_diagram, (), predicted, settings)
     r, J = problem.jacobian(_initial_unknowns(model, problem.unknowns))
     new = Model(setup.diagram, problem, setup, problem.unknowns.start, r, J.with_finite_values())
-    own = projected_jacobian(new)[:, ~model.at_bound[~model.is_local]]
-    residual = without_initial_states(new, r[:, None])[:, 0]
-    H = known + own.T @ own
-    ridge = 1e-12 * np.diag(np.maximum(np.diag(H), 1e-300))
-    slope = own.T @ residual
-    return math.sqrt(max(float(residual @ residual - slope @ np.linalg.solve(H + ridge, slope)), 0.0) / len(r))
+    with np.errstate(all="ignore"):
+        own = projected_jacobian(new)[:, ~model.at_bound[~model.is_local]]
+        residual = without_initial_states(new, r[:, None])[:, 0]
+        H = known + own.T @ own
+        ridge = 1e-12 * np.diag(np.maximum(np.diag(H), 1e-300))
+        slope = own.T @ residual
+        square = float(residual @ residual - slope @ np.linalg.solve(H + ridge, slope))
+    return math.sqrt(max(square, 0.0) / len(r)) if math.isfinite(square) else 0.0  # it diverges: nothing is known
 
 
 def _predicted(model: Model, template: Mapping[str, Record], settings: ModelSettings) -> dict[str, Record] | None:
