@@ -166,11 +166,13 @@ def test_a_stepper_stands_where_it_was_after_a_failed_step():
 def test_a_step_too_long_is_a_warning_where_the_run_was_asked_for():
     with pytest.warns(StepWarning) as warned:
         simulate(position_loop(), stop=0.09, step=0.03)
-    assert [str(w.message) for w in warned] == [
+    (one,) = warned
+    assert str(one.message).startswith(
         "diagram 'position loop': the step of 0.03 s is too long for the fastest pole (100 rad/s, at "
-        "pid.smooth); rk4 needs a step below about 0.028 s there, an implicit method (sdirk2) does not."
-    ]
-    assert warned[0].filename == __file__
+        "pid.smooth); rk4 needs a step below about 0.028 s there, an implicit method (sdirk2) does not. In this run "
+        "pid.smooth is 0.08109 at t = 0.06 s, where shorter steps give "
+    )
+    assert one.filename == __file__
 
 
 def test_a_batch_may_move_both_limits_at_once():

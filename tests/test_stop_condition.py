@@ -204,7 +204,7 @@ def test_samples_and_delays_end_a_run_on_the_grid(part):
         ("1 > 2", ParameterError, "stop_when: there is no signal in this"),
         ("x == 1", ParameterError, "stop_when: signals are compared by"),
         ("x > u", ParameterError, "stop_when: this mixes"),
-        (3, ParameterError, "stop_when: a text such as"),
+        (3, RunError, "stop_when must be a text, got 3."),
     ],
 )
 def test_conditions_that_are_none(text, error, message):
