@@ -21,11 +21,11 @@ SIGMA = 0.004
 OF_TIME = ("drift", "jump", "parameter_change", "creep", "periodic_disturbance")
 
 
-def recordings(change, seed=3):
+def recordings(change, seed=3, steps=(0.02, 0.02, 0.02)):
     """Recordings of these lengths, each from 0 s: 0.9 x + 0.05, white noise, and what ``change(t, x, k)`` adds."""
     rng, made = np.random.default_rng(seed), {}
-    for k, length in enumerate(LENGTHS):
-        t = np.arange(0, length, 0.02)
+    for k, (length, step) in enumerate(zip(LENGTHS, steps, strict=True)):
+        t = np.arange(0, length, step)
         x = np.sin(2.1 * t + k) + 0.5 * np.sin(5.3 * t + 2 * k)
         y = 0.9 * x + 0.05 + change(t, x, k) + SIGMA * rng.standard_normal(len(t))
         made[f"r{k + 1}"] = tsm.Record(f"r{k + 1}", t, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
@@ -89,3 +89,11 @@ def test_gains_in_surrogates_are_those_of_least_squares():
         expected = fall(noise[:, d], np.hstack([part(e, s) for e, s in enumerate(best)]))
         assert gains[d] == pytest.approx(expected, rel=1e-4)
     assert products[0].best == np.argmax([fall(r, part(0, s)) for s in range(shapes)])
+
+
+def test_a_hum_at_half_of_the_sampling_rate_is_named():
+    """At its bound it was no name; here 25.01 Hz at 50 samples in a second, and at 100."""
+    phase = (0.4, 1.7, 2.9)
+    hum = recordings(lambda t, x, k: 2 * SIGMA * np.sin(2 * np.pi * 25.01 * t + phase[k]), steps=(0.01, 0.01, 0.02))
+    found = tsm.diagnose(BASE, hum, effects=OF_TIME)
+    assert [one.name for one in found.effects] == ["periodic_disturbance"]

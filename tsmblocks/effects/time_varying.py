@@ -68,7 +68,8 @@ def _periodic_trials(scales: Scales) -> Trials | None:
     if not scales.lines:
         return None
     size, frequencies = 0.01 * (scales.wire.reach or 1.0), tuple({"frequency": f} for f in scales.lines)
-    bounds = {"frequency": (LEAST_PERIODS / _duration(scales), 0.5 / scales.step)}
+    # A hum at half of the sampling rate is clear of the upper bound.
+    bounds = {"frequency": (LEAST_PERIODS / _duration(scales), 0.51 / scales.step)}
     return Trials({"cosine": size, "sine": size}, frequencies, _time_origin(scales), bounds)
 
 
