@@ -348,10 +348,9 @@ def test_a_run_with_more_located_switches_than_are_located_again_is_compared_wit
     warned(case.diagram, **case.run, log="outputs")  # states are not known there: nothing can be said
 
 
-@LONG
-@pytest.mark.parametrize("name", ["fig16_feedforward_feedback", "fig09b_feedforward"])
-@pytest.mark.parametrize("stop", [20.0, 100.0])
-def test_a_long_run_is_checked_in_a_third_of_its_steps(name, stop, monkeypatch):
+@pytest.fixture
+def taken(monkeypatch):
+    """The steps of each call of a compiled kernel, as they are taken."""
     taken = []
     advance = CompiledKernel.advance
 
@@ -360,6 +359,13 @@ def test_a_long_run_is_checked_in_a_third_of_its_steps(name, stop, monkeypatch):
         advance(self, memory, u, y, steps)
 
     monkeypatch.setattr(CompiledKernel, "advance", counted)
+    return taken
+
+
+@LONG
+@pytest.mark.parametrize("name", ["fig16_feedforward_feedback", "fig09b_feedforward"])
+@pytest.mark.parametrize("stop", [20.0, 100.0])
+def test_a_long_run_is_checked_in_a_third_of_its_steps(name, stop, taken):
     tsm.simulate(tsm.load(name), stop=stop)
     assert 1000 * stop < sum(taken) < 1.34 * 1000 * stop
     assert len(taken) < 110
@@ -448,15 +454,7 @@ def test_the_error_that_is_said_of_a_set_is_that_of_its_run():
 
 
 @pytest.mark.parametrize("sets", [200, 2000])
-def test_a_batch_is_checked_in_a_tenth_of_its_steps(sets, monkeypatch):
-    taken = []
-    advance = CompiledKernel.advance
-
-    def counted(self, memory, u, y, steps):
-        taken.append(steps.n)
-        advance(self, memory, u, y, steps)
-
-    monkeypatch.setattr(CompiledKernel, "advance", counted)
+def test_a_batch_is_checked_in_a_tenth_of_its_steps(sets, taken):
     gains = {"pid.kp": np.linspace(0.5, 2.0, sets)}
     tsm.simulate_batch(tsm.load("fig16_feedforward_feedback"), gains, stop=2.0, outputs=["x_out"])
     groups = -(-sets // 32)

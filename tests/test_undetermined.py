@@ -22,8 +22,7 @@ def left_out(monkeypatch):
 
     def search(left, open_in):
         table = Table(left, {}, {})
-        for module in (forward_selection, undetermined):
-            monkeypatch.setattr(module, "search_round", table.search_round)
+        monkeypatch.setattr(forward_selection, "search_round", table.search_round)
         for name in ("converged", "refine_memories", "nearest"):
             monkeypatch.setattr(forward_selection, name, lambda model: model)
         monkeypatch.setattr(forward_selection, "with_sufficient_step", lambda model, settings: model)

@@ -170,6 +170,12 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
     return SearchRound(model, *losses, tuple(scores), verdict)
 
 
+def closing_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
+    """The round after the last effect: its candidates are listed, and none is named."""
+    found = search_round(model, shrinkage, search)
+    return attrs.evolve(found, verdict=attrs.evolve(found.verdict, named=None, indistinguishable=()))
+
+
 def _predicted_gain(model: Model, search: SearchContext) -> float:
     """Fall of the sum of squares [noise variances] by what is predicted from the motion, held out."""
     return max(model.mean_square - evidence(model, search.settings.seed).rest, 0.0) * len(model.r)

@@ -74,7 +74,7 @@ class Products:
     def _gains(self, g: np.ndarray) -> np.ndarray:
         """Falls of the sum of squares (S, D) for products ``g`` (S, k, D)."""
         m = self.whole - np.einsum("qsi,qsj->sij", self.inside, self.inside, optimize=True)
-        return np.einsum("skd,skd->sd", g, np.linalg.solve(_regular(m, self.whole), g))
+        return np.einsum("skd,skd->sd", g, np.linalg.solve(regular(m, self.whole), g))
 
 
 def noise_gains(every: Sequence[Products]) -> np.ndarray:
@@ -88,11 +88,11 @@ def noise_gains(every: Sequence[Products]) -> np.ndarray:
         whole = np.zeros((len(g), len(g)))
         for e, (one, own) in enumerate(zip(every, chosen, strict=True)):
             whole[e * k : (e + 1) * k, e * k : (e + 1) * k] = one.whole[own[d]]
-        gains[d] = g @ np.linalg.solve(_regular(whole - inside.T @ inside, whole), g)
+        gains[d] = g @ np.linalg.solve(regular(whole - inside.T @ inside, whole), g)
     return gains
 
 
-def _regular(m: np.ndarray, whole: np.ndarray) -> np.ndarray:
+def regular(m: np.ndarray, whole: np.ndarray) -> np.ndarray:
     """Products (..., k, k) that can be inverted: what the base absorbs has no gain."""
     diagonal = np.einsum("...ii->...i", whole)
     return m + SINGLE_PRECISION * np.maximum(diagonal, 1e-300)[..., None] * np.eye(m.shape[-1])

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.decision import FittedCandidate
-from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, accepted_count, rounds_for, search_round
+from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, accepted_count, closing_round, rounds_for
 from tsmblocks.diagnosis.model import Model
 
 MAX_OWN = 2
@@ -37,8 +37,7 @@ def without_recurring_events(
     kept = [one for one in named if one not in events]
     made, model, shrinkage = rounds_for(rounds[0].base, kept, search)
     effects = [one for one in search.effects if not any(one.name == event.candidate.effect.name for event in events)]
-    ended = search_round(model, shrinkage, attrs.evolve(search, effects=effects))
-    made.append(attrs.evolve(ended, verdict=attrs.evolve(ended.verdict, named=None, indistinguishable=())))
+    made.append(closing_round(model, shrinkage, attrs.evolve(search, effects=effects)))
     words = ", ".join(dict.fromkeys(one.candidate.effect.words for one in events))
     text = (
         f"{len(events)} effects of time ({words}) would be needed, of another size in each experiment: what comes and "

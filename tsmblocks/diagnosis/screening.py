@@ -14,7 +14,7 @@ import numpy as np
 from tsmblocks.diagnosis.candidates import Candidate, WireSignals
 from tsmblocks.diagnosis.decision import MAX_FINITE_NULL
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
-from tsmblocks.diagnosis.own_instants import SINGLE_PRECISION, Products, for_each, joined, moved, noise_gains
+from tsmblocks.diagnosis.own_instants import Products, for_each, joined, moved, noise_gains, regular
 from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.residuals import Problem
@@ -241,16 +241,12 @@ class _Screening:
             m = whole - inside[:, mine].T @ inside[:, mine]
             trial = self._sized(shape, changes[:, mine], gradient[mine], m, inside[:, mine])
             if by_noise is not None:
-                trial = attrs.evolve(trial, noise_gains=self._noise_gains(by_noise[:, mine], m, np.diag(whole)))
+                trial = attrs.evolve(trial, noise_gains=self._noise_gains(by_noise[:, mine], regular(m, whole)))
             results.append(trial)
         return results
 
-    def _noise_gains(self, g: np.ndarray, m: np.ndarray, whole: np.ndarray) -> np.ndarray:
-        """Gains (D,) of a shape with any size in surrogates, with products ``g`` (D, k) and ``m`` (k, k).
-
-        ``whole`` (k,) are the sums of squares before the base was projected out: what the base absorbs has no gain.
-        """
-        m = m + SINGLE_PRECISION * np.diag(np.maximum(whole, 1e-300))
+    def _noise_gains(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
+        """Gains (D,) of a shape with any size in surrogates, with products ``g`` (D, k) and ``m`` (k, k)."""
         gains = np.einsum("ij,ji->i", g, np.linalg.solve(m, g.T))
         one_way = not self.candidate.trials.strengths  # the size is part of the shape, and positive
         return np.where(g[:, 0] < 0, gains, 0.0) if one_way else gains

@@ -14,9 +14,9 @@ from tsmblocks.diagnosis.forward_selection import (
     SearchContext,
     SearchRound,
     accepted_count,
+    closing_round,
     forward_search,
     rounds_for,
-    search_round,
 )
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.effects import Effect, Relative
@@ -48,8 +48,7 @@ def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -
         if more >= MAX_EFFECTS - MAX_TURNS:
             forward_search(model, shrinkage, search, rounds)
         else:
-            last = search_round(model, shrinkage, search)
-            rounds.append(attrs.evolve(last, verdict=attrs.evolve(last.verdict, named=None, indistinguishable=())))
+            rounds.append(closing_round(model, shrinkage, search))
     return rounds
 
 
