@@ -15,9 +15,9 @@ import textwrap
 import time
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any, TextIO
 
 from tsmblocks.common.errors import CONTROLS, without_controls
@@ -26,6 +26,8 @@ MIN_WIDTH, MAX_WIDTH = 40, 100
 """Columns of text, at least and at most. Chosen: tables need some 40, and longer lines are hard to read."""
 UPDATE_INTERVAL = 0.05
 """Time in s between two updates of the progress line. Chosen: 20 per second look continuous and cost nothing."""
+OUTPUT = "standard output"
+"""Name of the stream in its errors."""
 ENCODE_ERRORS = "tsmblocks.readable"
 """Name of the codec error handler that replaces letters which an encoding lacks."""
 REPLACEMENTS = {
@@ -82,14 +84,33 @@ codecs.register_error(ENCODE_ERRORS, _replace_unencodable)
 
 
 class _WithoutControls:
-    """A stream that writes no control characters, which texts of a file may hold, but for tabs and new lines."""
+    """A stream that writes no control characters, which texts of a file may hold, but for tabs and new lines.
 
-    def __init__(self, stream: TextIO) -> None:
-        self.unfiltered = stream
+    Errors of standard output name it. Those of standard error are suppressed: there is nowhere to report them.
+    """
+
+    def __init__(self, stream: TextIO, name: str) -> None:
+        self.unfiltered, self._name = stream, name
 
     def write(self, text: str) -> int:
         """Write a text."""
-        return self.unfiltered.write(without_controls(text))
+        with self._errors():
+            return self.unfiltered.write(without_controls(text))
+        return len(text)
+
+    def flush(self) -> None:
+        """Write what is buffered."""
+        with self._errors():
+            self.unfiltered.flush()
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            if self._name == OUTPUT:
+                error.filename = self._name
+                raise
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.unfiltered, name)
@@ -99,22 +120,26 @@ class _WithoutControls:
 def readable_streams() -> Iterator[None]:
     """Let both streams write a readable replacement of every letter that their encoding lacks, instead of failing.
 
-    Nor do they write characters that would steer the terminal.
+    Nor do they write characters that would steer the terminal. A stream that was closed before the program began leads
+    nowhere, and no file that is opened later gets its number.
     """
     changed, streams = [], (sys.stdout, sys.stderr)
-    for stream in (sys.stdout, sys.stderr):
-        before = getattr(stream, "errors", "")
-        if before in ("strict", "backslashreplace") and hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors=ENCODE_ERRORS)
-            changed.append((stream, before))
-    sys.stdout, sys.stderr = _WithoutControls(sys.stdout), _WithoutControls(sys.stderr)  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        sys.stdout, sys.stderr = streams
-        for stream, before in changed:
-            if not stream.closed:
-                stream.reconfigure(errors=before)
+    with ExitStack() as opened:
+        for name, stream in zip((OUTPUT, "standard error"), streams, strict=True):
+            before = getattr(stream, "errors", "")
+            if before in ("strict", "backslashreplace") and hasattr(stream, "reconfigure"):
+                stream.reconfigure(errors=ENCODE_ERRORS)
+                changed.append((stream, before))
+            there = stream or opened.enter_context(Path(os.devnull).open("w", encoding="utf-8"))
+            setattr(sys, "stdout" if name == OUTPUT else "stderr", _WithoutControls(there, name))
+        try:
+            yield
+        finally:
+            sys.stdout, sys.stderr = streams
+            for stream, before in changed:
+                if not stream.closed:
+                    with suppress(OSError):  # of what could not be written
+                        stream.reconfigure(errors=before)
 
 
 # ---- messages -----------------------------------------------------------------------------------
@@ -190,20 +215,23 @@ def progress_line(text_of: Callable[..., str], *, quiet: bool = False) -> Iterat
         return
     stream, length, last = getattr(sys.stderr, "unfiltered", sys.stderr), 0, -math.inf
 
+    def overwrite(text: str) -> None:
+        with suppress(OSError):  # a terminal that is gone
+            stream.write(text)
+            stream.flush()
+
     def show(*far: Any) -> None:
         nonlocal length, last
         text, now = without_controls(text_of(*far))[: shutil.get_terminal_size().columns - 1], time.monotonic()
         if now - last >= UPDATE_INTERVAL:
-            stream.write(f"\r{text}{' ' * (length - len(text))}")
-            stream.flush()
+            overwrite(f"\r{text}{' ' * (length - len(text))}")
             length, last = len(text), now
 
     try:
         yield show
     finally:
         if length:
-            stream.write(f"\r{' ' * length}\r")
-            stream.flush()
+            overwrite(f"\r{' ' * length}\r")
 
 
 def percent_progress(what: str) -> Callable[[float], str]:

@@ -11,6 +11,8 @@ import sys
 import traceback
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 
 from tsmblocks.cli import (
     blocks,
@@ -29,7 +31,7 @@ from tsmblocks.cli import (
     study,
 )
 from tsmblocks.cli.common import INTERRUPTED, Formatter, Parser, UsageError
-from tsmblocks.cli.console import print_error, readable_streams
+from tsmblocks.cli.console import OUTPUT, print_error, readable_streams
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.interrupt import InterruptFlag, note_interrupts, terminate_as_interrupt
 from tsmblocks.common.version import __version__
@@ -54,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             terminate_as_interrupt(),
         ):
             _simplify_warnings()
-            return _guarded(list(sys.argv[1:] if argv is None else argv), noted)
+            return _flushed(_guarded(list(sys.argv[1:] if argv is None else argv), noted))
     except KeyboardInterrupt:  # a second one, while the first was being reported
         return INTERRUPTED
 
@@ -62,9 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _guarded(argv: list[str], noted: InterruptFlag) -> int:
     """Run one command and turn every exception into a message; the exit status."""
     try:
-        status = _dispatch(argv)
-        sys.stdout.flush()
-        return status
+        return _dispatch(argv)
     except SystemExit as stop:  # --help and --version
         return int(stop.code or 0)
     except KeyboardInterrupt:
@@ -73,11 +73,7 @@ def _guarded(argv: list[str], noted: InterruptFlag) -> int:
         print_error(str(error))
         return 2
     except OSError as error:
-        if _is_closed_pipe(error):  # the reader has what it wanted
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 0
-        print_error(f"{error.filename}: {error.strerror}." if error.filename and error.strerror else str(error))
-        return 2
+        return _refused_by_system(error)
     except Exception:
         if noted.stop:  # what a library has made of KeyboardInterrupt
             return _stopped()
@@ -91,10 +87,40 @@ def _stopped() -> int:
     return INTERRUPTED
 
 
+def _flushed(status: int) -> int:
+    """Write the output that is still buffered; the exit status. After one message nothing more is reported."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        return status or _refused_by_system(error)
+    finally:
+        _discard_unwritten()
+    return status
+
+
+def _refused_by_system(error: OSError) -> int:
+    """Report an error of the system, if it is one; the exit status."""
+    if _is_closed_pipe(error):  # the reader has what it wanted
+        return 0
+    print_error(f"{error.filename}: {error.strerror}." if error.filename and error.strerror else str(error))
+    return 2
+
+
 def _is_closed_pipe(error: OSError) -> bool:
     """Whether the reader of a pipe is gone; the error differs between systems."""
-    windows = sys.platform == "win32" and error.errno == errno.EINVAL and error.filename is None
+    windows = sys.platform == "win32" and error.errno == errno.EINVAL and error.filename in (None, OUTPUT)
     return isinstance(error, BrokenPipeError) or windows
+
+
+def _discard_unwritten() -> None:
+    """Let streams that cannot be written lead nowhere, or Python would report it again at the end of the process."""
+    for stream in (getattr(one, "unfiltered", one) for one in (sys.stdout, sys.stderr)):
+        try:
+            stream.flush()
+        except OSError:
+            with suppress(OSError), Path(os.devnull).open("wb") as nowhere:
+                os.dup2(nowhere.fileno(), stream.fileno())
+                stream.flush()
 
 
 def _dispatch(argv: list[str]) -> int:
