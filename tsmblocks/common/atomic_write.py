@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -11,6 +13,11 @@ from typing import Any, BinaryIO
 
 NAME_CHARACTERS = 40
 """Characters of the target's name in that of the new file. Chosen: together they stay below what systems allow."""
+MAT_HEADER = b"MATLAB 5.0 MAT-file, written by tsmblocks".ljust(116)
+"""The text at the beginning of a MAT file, of that length (MAT-File Format, MathWorks)."""
+TIMES = {"svg": ("Date",), "pdf": ("CreationDate",)}
+"""Metadata that hold the time of writing, by format, as matplotlib calls them."""
+_CLIP = re.compile(rb'(id="|url\(#)(p[0-9a-f]{10})(?=["\)])')
 
 
 @contextmanager
@@ -52,9 +59,36 @@ def replace_file(target: str | os.PathLike[str], text: str) -> None:
         file.write(text.encode())
 
 
+def replace_mat(target: str | os.PathLike[str], variables: Mapping[str, Any], *, long_names: bool = False) -> None:
+    """Replace a file by variables in MATLAB's format 5, without the time of writing. Raises as ``replacing``."""
+    from scipy.io import savemat
+
+    made = io.BytesIO()
+    savemat(made, dict(variables), long_field_names=long_names)
+    with replacing(target) as file:
+        file.write(MAT_HEADER)
+        file.write(made.getbuffer()[len(MAT_HEADER) :])
+
+
 def replace_figure(
     target: str | os.PathLike[str], figure: Any, *, dpi: float, metadata: Mapping[str, None] | None = None
 ) -> None:
-    """Replace a file by a figure of matplotlib, in the format of its ending. Raises OSError as ``replacing``."""
-    with replacing(target) as file:
-        figure.savefig(file, format=Path(target).suffix[1:].lower() or None, dpi=dpi, metadata=metadata)
+    """Replace a file by a figure of matplotlib, in the format of its ending; ``metadata`` are left out.
+
+    Without them the time of writing is, so that equal figures give equal files. Raises OSError as ``replacing``.
+    """
+    from matplotlib import rc_context
+
+    kind = Path(target).suffix[1:].lower() or None
+    without = metadata or dict.fromkeys(TIMES.get(str(kind), ()))
+    with rc_context({"svg.hashsalt": "tsmblocks"}), replacing(target) as file:
+        made = io.BytesIO() if kind == "svg" else file
+        figure.savefig(made, format=kind, dpi=dpi, metadata=without)
+        if isinstance(made, io.BytesIO):
+            file.write(_numbered_clips(made.getvalue()))
+
+
+def _numbered_clips(svg: bytes) -> bytes:
+    """Name the paths that clip in the order in which they occur: matplotlib makes their names of addresses."""
+    names: dict[bytes, bytes] = {}
+    return _CLIP.sub(lambda one: one[1] + names.setdefault(one[2], b"clip%d" % len(names)), svg)

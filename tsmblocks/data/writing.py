@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsmblocks.common.atomic_write import replacing
+from tsmblocks.common.atomic_write import replace_mat, replacing
 from tsmblocks.common.errors import DataError, in_words
 from tsmblocks.common.units import split_heading, unambiguous_heading
 
@@ -62,18 +62,17 @@ def _title(name: str, unit: str, kind: str) -> tuple[str, str]:
 
 
 def _write(path: Path, kind: str, columns: Mapping[str, np.ndarray], units: list[str]) -> None:
+    if kind == ".mat":
+        replace_mat(path, columns)
+        return
     with replacing(path) as file:
         if kind == ".csv":
             heading = io.StringIO()
             csv.writer(heading, lineterminator="\n").writerow(columns)  # names with commas and quotes in quotes
             file.write(heading.getvalue().encode())
             np.savetxt(file, np.column_stack(list(columns.values())), delimiter=",", fmt="%.17g")
-        elif kind == ".npz":
-            np.savez_compressed(file, **columns, units=np.array(units))  # type: ignore[arg-type]
         else:
-            from scipy.io import savemat
-
-            savemat(file, columns)
+            np.savez_compressed(file, **columns, units=np.array(units))  # type: ignore[arg-type]
 
 
 def _matlab_name(name: str) -> str:

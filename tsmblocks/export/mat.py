@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.analysis import linearize, trim
-from tsmblocks.common.atomic_write import replacing
+from tsmblocks.common.atomic_write import replace_mat
 from tsmblocks.common.errors import DataError, TsmError
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
@@ -52,8 +52,6 @@ def to_mat(diagram: Diagram, path: str | Path) -> Path:
     ...     tsm.export.to_mat(tsm.load("motor_linear"), f"{folder}/motor.mat").name
     'motor.mat'
     """
-    from scipy.io import savemat
-
     diagram, target = as_diagram(diagram), Path(path)
     if target.suffix.lower() != ".mat":
         raise DataError(f"'{target}' must end in .mat.")
@@ -71,8 +69,7 @@ def to_mat(diagram: Diagram, path: str | Path) -> Path:
         "inputs": _texts(diagram.inputs),
         "outputs": _texts(diagram.outputs),
     }
-    with replacing(target) as file:
-        savemat(file, {**made, **_linear(diagram)}, long_field_names=True)
+    replace_mat(target, {**made, **_linear(diagram)}, long_names=True)
     return target
 
 
