@@ -76,6 +76,17 @@ def test_pictures_links_and_files_exist(name):
     assert [one for one in named if not (ROOT / one).is_file()] == []
 
 
+def test_what_the_page_on_security_names_is_there():
+    from tsmblocks.engine import code_cache
+
+    text = text_of("SECURITY.md")
+    sources = "".join(path.read_text("utf-8") for path in (ROOT / "tsmblocks").rglob("*.py"))
+    assert all(name in sources for name in re.findall(r"`((?:TSMBLOCKS|XDG)_\w+)", text))
+    assert f"/tsmblocks/{code_cache.FOLDER}`" in text
+    assert (ROOT / "tests" / "fuzz" / "__main__.py").is_file()
+    assert all("SECURITY.md" in text_of(name) for name in DOCUMENTS)
+
+
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_commands_named_in_passing_exist(name):
     from tsmblocks.cli.entry import COMMANDS
