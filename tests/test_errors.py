@@ -6,6 +6,7 @@ import re
 import traceback
 import warnings
 
+import control  # noqa: F401 - loaded here, so that what it and Matplotlib warn of is no answer to a mistake
 import pytest
 
 from tests.mistakes.all import TABLE

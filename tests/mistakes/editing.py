@@ -488,9 +488,9 @@ def add_a_misspelt_wire():
     position_loop().rewire(cut=["ref -> error.plus"], add=["ref -> error.pluss"])
 
 
-@mistake(TypeError, "Diagram.rewire() got an unexpected keyword argument 'output'")
+@mistake(TypeError, "Diagram.rewire() got an unexpected keyword argument 'colour'")
 def rewire_with_an_unknown_field():
-    position_loop().rewire(output={"x": "motor"})
+    position_loop().rewire(colour="red")  # no name that newer Pythons find close to another
 
 
 @mistake(
