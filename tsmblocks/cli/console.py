@@ -130,7 +130,7 @@ def readable_streams() -> Iterator[None]:
             if before in ("strict", "backslashreplace") and hasattr(stream, "reconfigure"):
                 stream.reconfigure(errors=ENCODE_ERRORS)
                 changed.append((stream, before))
-            there = stream or opened.enter_context(Path(os.devnull).open("w", encoding="utf-8"))
+            there = stream or opened.enter_context(Path(os.devnull).open("w", encoding="utf-8", newline="\n"))
             setattr(sys, "stdout" if name == OUTPUT else "stderr", _WithoutControls(there, name))
         try:
             yield
