@@ -68,16 +68,50 @@ def test_of_the_own_folder_only_what_bears_name_and_mark_of_the_cache_is_deleted
         path.write_text("mine", encoding="utf-8")
         os.utime(path, (0, 0))
     (folder / f"{'c' * 64}.o").mkdir()
-    abandoned = folder / f".{'d' * 64}.o-1234.new"
-    for content in (b"", b"tsmblocks machine code 2\npart"):
-        abandoned.write_bytes(content)
-        os.utime(abandoned, (0, 0))
-        code_cache.prune(folder)
-        assert not abandoned.exists()
+    for name in (f".{'d' * 64}.o-1234.new", f".{'d' * 40}.{'0' * 16}.new"):  # of an earlier version, and of this one
+        abandoned = folder / name
+        for content in (b"", b"tsmblocks machine code 2\npart"):
+            abandoned.write_bytes(content)
+            os.utime(abandoned, (0, 0))
+            code_cache.prune(folder)
+            assert not abandoned.exists()
     monkeypatch.setattr(code_cache, "CACHE_BYTES", 1)
     code_cache.prune(folder)
     assert entries(cache) == sorted([kept[1], folder / f"{'c' * 64}.o"])
     assert all(path.exists() for path in kept)
+
+
+def test_what_a_killed_process_left_unfinished_is_deleted_later(cache, monkeypatch):
+    """Its name is one that the cache knows: a process that ends in the middle of an entry leaves no file for ever."""
+    made = []
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", lambda *_: pytest.fail("not used"))
+        patched.setattr(Path, "replace", lambda path, _target: made.append((path, path.read_bytes())))
+        compiled()
+    for path, content in made:
+        if path.parent.name == code_cache.FOLDER and not path.name.startswith("."):
+            continue
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+        os.utime(path, (0, 0))
+    compiled()
+    folder = entries(cache)[0].parent
+    code_cache.prune(folder)
+    assert [path.name for path in folder.glob(".*.new") if "CACHEDIR" not in path.name] == []
+
+
+@POSIX_ONLY
+def test_a_link_in_place_of_an_entry_is_replaced_and_not_followed(cache, tmp_path):
+    compiled()
+    (entry,) = entries(cache)
+    victim = tmp_path / "victim"
+    victim.write_text("mine", encoding="utf-8")
+    entry.unlink()
+    entry.symlink_to(victim)
+    compiled()
+    assert victim.read_text(encoding="utf-8") == "mine"
+    assert not entry.is_symlink()
+    assert entry.stat().st_mode & 0o077 == 0
 
 
 def test_a_folder_of_that_name_which_the_cache_did_not_make_is_not_used(cache):
@@ -200,6 +234,7 @@ warnings.simplefilter("ignore")
 from tsmblocks.engine import jit
 lines = "".join(f"  %x{{k}} = load volatile i64, ptr %t\\n" for k in range(6000))
 text = "define void @run(ptr %t) {{\\n" + lines + "  ret void\\n}}\\n"
+jit.host()  # a thread that is importing when its process forks leaves the import locked in the child
 thread = threading.Thread(target=jit.compile_text, args=(text,), kwargs={{"promote": True}})
 thread.start()
 time.sleep(0.1)

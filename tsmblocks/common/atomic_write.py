@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -21,15 +22,16 @@ _CLIP = re.compile(rb'(id="|url\(#)(p[0-9a-f]{10})(?=["\)])')
 
 
 @contextmanager
-def replacing(target: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+def replacing(target: str | os.PathLike[str], *, private: bool = False) -> Iterator[BinaryIO]:
     """Open a new file beside the old one, which takes its place in one step when all is written.
 
     Its name is new and nobody else's, so that threads, processes and links in a shared folder cannot meet there. Of a
-    link the file that it leads to is replaced; a device or a pipe is written to as it is. Raises OSError that names the
-    target, which then has not changed.
+    link the file that it leads to is replaced; a device or a pipe is written to as it is. A ``private`` file, which can
+    be made again, is only for this user, takes the place of a link itself, and is not waited for until it is on the
+    disk. Raises OSError that names the target, which then has not changed.
     """
-    real = Path(os.path.realpath(target))
-    if real.exists() and not real.is_file():
+    real = Path(target) if private else Path(os.path.realpath(target))
+    if not private and real.exists() and not real.is_file():
         if real.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
         with real.open("wb") as file:
@@ -37,11 +39,12 @@ def replacing(target: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         return
     fresh = real.with_name(f".{real.name[:NAME_CHARACTERS]}.{os.urandom(8).hex()}.new")
     try:
-        with fresh.open("xb") as file:
+        with open(fresh, "xb", opener=partial(os.open, mode=0o600 if private else 0o666)) as file:
             yield file
-            file.flush()
-            os.fsync(file.fileno())
-        if real.exists():
+            if not private:
+                file.flush()
+                os.fsync(file.fileno())
+        if not private and real.exists():
             fresh.chmod(real.stat().st_mode)
         fresh.replace(real)
     except OSError as error:

@@ -13,10 +13,11 @@ import os
 import re
 import stat
 import sys
-import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
+
+from tsmblocks.common.atomic_write import replacing
 
 CACHE_BYTES = 200_000_000
 """Size of the cache [bytes] above which the oldest entries are deleted. Chosen: small beside a disk."""
@@ -34,7 +35,7 @@ _MAGIC = b"tsmblocks machine code 2\n"
 _DIGEST = "sha256"
 _DIGEST_BYTES = 32
 _ENTRY = re.compile(r"[0-9a-f]{64}\.o")
-_UNFINISHED = re.compile(r"\.[0-9a-f]{64}\.o-\w+\.new")
+_UNFINISHED = re.compile(r"\.[0-9a-f]{40}(\.[0-9a-f]{16}|[0-9a-f]{24}\.o-\w+)\.new")
 _WRITES = itertools.count()
 
 
@@ -90,7 +91,7 @@ def write_code(name: str, body: bytes) -> None:
     folder, key = place
     path = folder / f"{name}.o"
     with suppress(OSError):
-        _replace(path, _MAGIC + _digest(key, name, body) + body, f".{path.name}-")
+        _replace(path, _MAGIC + _digest(key, name, body) + body)
         if next(_WRITES) % WRITES_PER_PRUNE == 0:  # listing thousands of files takes longer than writing one
             prune(folder)
 
@@ -162,7 +163,7 @@ def _marked(folder: Path) -> bool:
         return True
     with suppress(OSError):
         if all(_is_ours(path.name) for path in folder.iterdir()):
-            _replace(mark, MARK_TEXT, f".{MARK}-")
+            _replace(mark, MARK_TEXT)
             return True
     return False
 
@@ -179,7 +180,7 @@ def _key(user: Path) -> bytes | None:
     found = _own_file(path)
     if found is None or len(found) != KEY_BYTES:
         with suppress(OSError):
-            _replace(path, os.urandom(KEY_BYTES), ".key-")
+            _replace(path, os.urandom(KEY_BYTES))
         found = _own_file(path)  # where two processes make one, the last one stays
     return found if found is not None and len(found) == KEY_BYTES else None
 
@@ -193,17 +194,10 @@ def _own_file(path: Path) -> bytes | None:
     return None
 
 
-def _replace(path: Path, content: bytes, prefix: str) -> None:
+def _replace(path: Path, content: bytes) -> None:
     """Write a file that only this user can read, in one step. Raises OSError, and then leaves nothing behind."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=".new")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(name).replace(path)
-    except BaseException:
-        with suppress(OSError):
-            Path(name).unlink(missing_ok=True)
-        raise
+    with replacing(path, private=True) as file:
+        file.write(content)
 
 
 def _digest(key: bytes, name: str, body: bytes) -> bytes:
