@@ -73,6 +73,44 @@ def test_sigterm_leaves_what_ctrl_c_leaves(name, after, tmp_path):
     assert not [path for path in tmp_path.iterdir() if path.name != "__pycache__"]
 
 
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc of Linux")
+def test_workers_of_a_study_end_with_the_command_when_it_is_killed(tmp_path):
+    study = (
+        "format = 1\ndiagram = 'fig09b_feedforward'\nstop = 300.0\nstep = 0.001\n"
+        "[vary]\ntheta = { low = 2.0, high = 12.0, count = 4000 }\n[metrics]\nerror = 'rms(x_ref - x_out)'\n"
+    )
+    (tmp_path / "study.toml").write_text(study, encoding="utf-8")
+    command = [sys.executable, "-m", "tsmblocks", "study", "study.toml", "--workers", "1", "--out", "a.csv"]
+    env = os.environ | {"PYTHONPATH": str(REPOSITORY)}
+    with subprocess.Popen(command, cwd=tmp_path, env=env, start_new_session=True) as process:
+        while not (tmp_path / "a.csv").exists():  # the workers have been started by then
+            assert process.poll() is None
+            time.sleep(0.05)
+        assert len(_in_session(process.pid)) > 1
+        process.kill()
+    until = time.monotonic() + 30.0
+    while _in_session(process.pid) and time.monotonic() < until:
+        time.sleep(0.1)
+    alive = _in_session(process.pid)
+    for pid in alive:
+        os.kill(pid, signal.SIGKILL)
+    assert alive == []
+
+
+def _in_session(session):
+    """Processes of a session, without those that have ended and were not waited for."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdecimal():
+            try:
+                fields = (entry / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+            except OSError:  # it has ended since
+                continue
+            if int(fields[3]) == session and fields[0] != "Z":
+                found.append(int(entry.name))
+    return found
+
+
 @POSIX_ONLY
 def test_workers_of_a_study_leave_ctrl_c_to_the_command(tmp_path):
     study = (

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from tsmblocks.cli import common, console, recordings
-from tsmblocks.common.interrupt import children_ignore_interrupts
+from tsmblocks.common.interrupt import children_ignore_interrupts, end_with_parent
 
 HELP = "run a diagram many times with other parameters, print and save its metrics"
 
@@ -73,7 +73,8 @@ def _executor(args: argparse.Namespace) -> Iterator[Executor | None]:
         from concurrent.futures import ProcessPoolExecutor
 
         # The workers inherit that Ctrl-C does not reach them: this process ends them, and says so once.
-        with ProcessPoolExecutor(args.workers, multiprocessing.get_context("spawn")) as pool:
+        spawn = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(args.workers, spawn, initializer=end_with_parent) as pool:
             with children_ignore_interrupts():
                 for _ in range(args.workers):
                     pool.submit(abs, 0)  # starts one

@@ -141,6 +141,24 @@ def children_ignore_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def end_with_parent() -> None:
+    """Let this process, a worker, end with the one that started it, however that ends: it would wait for work for ever.
+
+    A process that is killed cannot tell its workers.
+    """
+    from multiprocessing import parent_process
+
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 @contextmanager
 def terminate_as_interrupt() -> Iterator[None]:
     """Let SIGTERM end a program as Ctrl-C does; processes that it has started end at once, as they would."""
