@@ -5,6 +5,7 @@ import errno
 import os
 import stat
 import sys
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -111,6 +112,54 @@ def test_links_stay_links_and_new_files_have_the_usual_mode(tmp_path):
     real.chmod(0o640)
     replace_file(link, "two")
     assert stat.S_IMODE(real.stat().st_mode) == 0o640
+
+
+@POSIX_ONLY
+def test_a_file_that_is_protected_stays():
+    """The folder alone would allow to replace it."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o777)
+        target = Path(folder) / "baseline.toml"
+        target.write_text("mine", encoding="utf-8")
+        target.chmod(0o444)
+        root = os.getuid() == 0  # who may write to everything
+        if root:
+            os.setresuid(65534, 65534, 0)
+        try:
+            with pytest.raises(PermissionError) as caught:
+                replace_file(target, "text")
+        finally:
+            if root:
+                os.setresuid(0, 0, 0)
+        assert caught.value.filename == str(target)
+        assert target.read_text(encoding="utf-8") == "mine"
+        assert [path.name for path in Path(folder).iterdir()] == ["baseline.toml"]
+
+
+def test_a_file_system_without_permissions_is_written_to(tmp_path, monkeypatch):
+    def refused(*_, **__):
+        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "chmod", refused)
+    for text in ("one", "two"):
+        replace_file(tmp_path / "d.toml", text)
+        assert (tmp_path / "d.toml").read_text(encoding="utf-8") == text
+
+
+@POSIX_ONLY
+def test_the_name_lasts_as_the_content_does(tmp_path, monkeypatch):
+    """The folder is synchronised too, after the file is in its place; a folder that cannot be makes no error."""
+    synchronised, real = [], os.fsync
+
+    def noted(handle):
+        synchronised.append((stat.S_ISDIR(os.fstat(handle).st_mode), (tmp_path / "d.toml").exists()))
+        if synchronised[-1][0]:
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+        real(handle)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    replace_file(tmp_path / "d.toml", "text")
+    assert synchronised == [(False, False), (True, True)]
 
 
 @POSIX_ONLY

@@ -103,6 +103,24 @@ def test_rounding_is_no_change(guarded):
     assert pytest_in(guarded)[0] == 0
 
 
+def test_a_picture_that_cannot_be_drawn_does_not_hide_the_change(guarded):
+    with_changed(guarded, **{"pid.kp": 3.0})
+    (guarded / "pictures").write_text("a file", encoding="utf-8")
+    status, said = pytest_in(guarded, "--tracking-pictures", "pictures/here")
+    assert status == 1
+    assert "tracking has changed from" in said
+    assert "Not drawn: " in said
+
+
+def test_a_baseline_that_cannot_be_written_is_one_message(tmp_path):
+    (tmp_path / "loop.tracking.toml").write_text(GUARD, encoding="utf-8")
+    (tmp_path / "loop.baseline.toml").mkdir()
+    status, said = pytest_in(tmp_path, "--tracking-accept")
+    assert status == 1
+    assert "loop.baseline.toml: cannot be written: is a directory." in said
+    assert "atomic_write" not in said
+
+
 def test_a_change_from_some_time_on_is_told_with_the_time(tmp_path):
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
     text = 'format = 1\ndiagram = "late.toml"\nstop = 4.0\n[metrics]\nerror = "rms(y)"\n'

@@ -52,6 +52,9 @@ IN_MEMORY = "/dev/shm"
 UNFINISHED = re.compile(r"\.new$|\.tmp$|^tmp")
 """Names of files that take the place of others when they are finished."""
 
+_TRACEBACK = re.compile(r"(?m)Traceback|Exception ignored|^E   ")
+"""A traceback of Python or of pytest."""
+
 
 @attrs.frozen(order=True)
 class Trial:
@@ -239,7 +242,7 @@ def faults_of(scenario: Scenario, trial: Trial, end: End, before: dict[str, byte
 def _wrong_end(scenario: Scenario, end: End, good: End) -> Iterator[str]:
     """What is wrong with the exit status and with what was printed."""
     extra = [line for line in _messages(end.said) if line not in _messages(good.said)]
-    if "Traceback" in end.said + end.printed or "Exception ignored" in end.said:
+    if _TRACEBACK.search(end.printed + end.said):
         yield "traceback"
     elif end.status not in (scenario.ends, *scenario.refused):
         yield f"exit status {end.status}"

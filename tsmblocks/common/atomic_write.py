@@ -6,6 +6,7 @@ import errno
 import io
 import os
 import re
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -26,14 +27,14 @@ def replacing(target: str | os.PathLike[str], *, private: bool = False) -> Itera
     """Open a new file beside the old one, which takes its place in one step when all is written.
 
     Its name is new and nobody else's, so that threads, processes and links in a shared folder cannot meet there. Of a
-    link the file that it leads to is replaced; a device or a pipe is written to as it is. A ``private`` file, which can
-    be made again, is only for this user, takes the place of a link itself, and is not waited for until it is on the
-    disk. Raises OSError that names the target, which then has not changed.
+    link the file that it leads to is replaced; a device or a pipe is written to as it is; a file that this user may not
+    write to stays. A ``private`` file, which can be made again, is only for this user, takes the place of a link
+    itself, and is not waited for until it is on the disk. Raises OSError that names the target, which then has not
+    changed.
     """
     real = Path(target) if private else Path(os.path.realpath(target))
-    if not private and real.exists() and not real.is_file():
-        if real.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+    old = None if private else _mode(real, str(target))
+    if old is not None and not stat.S_ISREG(old):
         with real.open("wb") as file:
             yield file
         return
@@ -44,8 +45,8 @@ def replacing(target: str | os.PathLike[str], *, private: bool = False) -> Itera
             if not private:
                 file.flush()
                 os.fsync(file.fileno())
-        if not private and real.exists():
-            fresh.chmod(real.stat().st_mode)
+        if old is not None and old != fresh.stat().st_mode:  # some file systems refuse what changes nothing
+            fresh.chmod(stat.S_IMODE(old))
         fresh.replace(real)
     except OSError as error:
         if error.filename in (None, str(fresh)):  # a full disk, or the folder
@@ -54,6 +55,33 @@ def replacing(target: str | os.PathLike[str], *, private: bool = False) -> Itera
     finally:
         with suppress(OSError):
             fresh.unlink(missing_ok=True)
+    if not private:
+        _sync_folder(real.parent)
+
+
+def _mode(real: Path, target: str) -> int | None:
+    """Kind and permissions of what is there; None of nothing. Raises OSError for a folder and a protected file."""
+    try:
+        mode = real.stat().st_mode
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, target) from None
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), target)
+    if not os.access(real, os.W_OK):  # the folder alone might allow it
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), target)
+    return mode
+
+
+def _sync_folder(folder: Path) -> None:
+    """Let a new name of a file last through a loss of power, where the system can."""
+    with suppress(OSError):  # the file is in its place already
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def replace_file(target: str | os.PathLike[str], text: str) -> None:

@@ -145,7 +145,7 @@ def checked(watched: Any, baseline: Path, config: pytest.Config, title: str) -> 
     picture = Path(config.getoption("--tracking-pictures")) / f"{file}.png"
     try:
         text += f"\nDrawn in {draw(found, before, now, picture, title.rpartition('::')[2])}."
-    except TsmError as error:
+    except (TsmError, OSError) as error:  # the change is reported in any case
         text += f"\nNot drawn: {error}"
     raise TrackingMoved(f"{text}\nIf this is intended: pytest --tracking-accept")
 

@@ -85,9 +85,12 @@ class Baseline:
         return "\n".join(lines) + "\n"
 
     def save(self, path: Path) -> None:
-        """Write the baseline; its folder is made where it is missing."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, self.text())
+        """Write the baseline; its folder is made where it is missing. Raises FileError where that is not possible."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(path, self.text())
+        except OSError as error:
+            raise FileError(str(path), [f"{path}: cannot be written: {str(error.strerror).lower()}."]) from None
 
 
 @attrs.frozen
@@ -195,7 +198,7 @@ def read_baseline(path: Path) -> Baseline:
 
 
 def draw(found: Sequence[Change], before: Baseline, now: Baseline, path: Path, title: str) -> Path:
-    """Plot the signals before and now, and their difference; returns the path. Needs matplotlib."""
+    """Plot the signals before and now, and their difference; returns the path. Needs matplotlib; raises OSError."""
     from tsmblocks.plots.runs import plot_tracking_changes
 
     path.parent.mkdir(parents=True, exist_ok=True)
