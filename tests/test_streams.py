@@ -1,4 +1,4 @@
-"""Streams that are full or closed: one message at most, the right exit status, and no traceback."""
+"""Streams that are full or closed, and full memory: one message at most, the right exit status, no traceback."""
 
 import os
 import subprocess
@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from tsmblocks.cli import entry
 
 pytestmark = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full of Linux")
 REPOSITORY = Path(__file__).parents[1]
@@ -48,6 +50,16 @@ def test_output_that_is_closed_leads_nowhere(tmp_path):
     done = shell(f"{RUN} --out run.csv >&-", tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "run.csv").read_text(encoding="utf-8").startswith("t [s],")
+
+
+@pytest.mark.parametrize("text", ["", "Unable to allocate 7.45 GiB for an array with shape (1000000000,)"])
+def test_no_memory_is_one_message(text, monkeypatch, capsys):
+    def full(_args):
+        raise MemoryError(*([text] if text else []))
+
+    monkeypatch.setattr(entry.COMMANDS["blocks"], "execute", full)
+    assert entry.main(["blocks"]) == 2
+    assert capsys.readouterr().err == f"tsmblocks: there is not enough memory{text and ': '}{text}.\n"
 
 
 def test_a_reader_that_has_enough_ends_the_command(tmp_path):

@@ -354,7 +354,7 @@ def kill(name: str, count: int, seed: int = 0) -> Result:
     """Kill a scenario at so many instants, spread over the time it takes, and run it again after each."""
     scenario, result, rng = SCENARIOS[name], Result(), random.Random(f"{name} {seed}")
     with _bench_folder() as folder:
-        bench = _prepared(scenario, Path(folder) / "begin", bool(scenario.writes))
+        bench = _prepared(scenario, Path(folder) / "begin", bool(scenario.writes), keep=scenario.slow)
         before = _files(bench.folder / "work")
         good, _ = bench.ran(None)
         began = time.monotonic()
@@ -367,7 +367,7 @@ def kill(name: str, count: int, seed: int = 0) -> Result:
     return result
 
 
-def _prepared(scenario: Scenario, folder: Path, present: bool) -> Bench:
+def _prepared(scenario: Scenario, folder: Path, present: bool, *, keep: bool = True) -> Bench:
     """The folder of a scenario, whose modules are imported after this; with ``present`` what it writes is there."""
     work = folder / "work"
     for part in (work, folder / "home", folder / "cache"):
@@ -379,7 +379,8 @@ def _prepared(scenario: Scenario, folder: Path, present: bool) -> Bench:
             os.dup2(null.fileno(), k)
         sys.stdout = sys.stderr = null
         try:
-            scenario.kept()
+            if keep:
+                scenario.kept()
             for place in (Path(warm), work):
                 os.chdir(place)
                 scenario.prepare()

@@ -40,7 +40,8 @@ class Scenario:
     ``prepare`` makes the files that it reads; ``run`` does it and returns the exit status; ``writes`` are files that it
     makes, of which each is an old one in half of the trials. ``kept`` computes beforehand what is slow and meets no
     file. With ``tolerated`` it succeeds whatever fails. ``ends`` is the exit status without a fault, ``refused`` those
-    with one. Where it ``prints``, standard output fails as well.
+    with one. Where it ``prints``, standard output fails as well. Of a ``slow`` one also the kills meet only what
+    follows what is kept.
     """
 
     run: Callable[[], int]

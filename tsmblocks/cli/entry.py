@@ -74,6 +74,9 @@ def _guarded(argv: list[str], noted: InterruptFlag) -> int:
         return 2
     except OSError as error:
         return _refused_by_system(error)
+    except MemoryError as error:
+        print_error(f"there is not enough memory{f': {error}' if str(error) else ''}.")
+        return 2
     except Exception:
         if noted.stop:  # what a library has made of KeyboardInterrupt
             return _stopped()
