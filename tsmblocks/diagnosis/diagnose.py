@@ -16,6 +16,7 @@ from tsmblocks.common.arguments import as_positive
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.interrupt import defer_interrupt
+from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request, checked
@@ -60,6 +61,7 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
 
+@on_one_thread
 def diagnose(
     diagram: Diagram,
     experiments: Data,

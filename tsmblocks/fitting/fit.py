@@ -14,6 +14,7 @@ from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.interrupt import defer_interrupt
+from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.memories import placed, refined
 from tsmblocks.fitting.multistart import Range, search_range, spread
@@ -41,6 +42,7 @@ RANDOM_SETS, MAX_RANDOM_SETS = 64, 4096
 """Random sets simulated side by side, of which the best and some others become starting points. Chosen."""
 
 
+@on_one_thread
 def fit(
     diagram: Diagram,
     data: Data,

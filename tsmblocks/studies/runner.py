@@ -31,6 +31,8 @@ LANE_GROUPS_PER_PIECE = 8
 """Groups of lanes in one piece of work of an executor. Chosen: it takes far longer than its transfer to a worker."""
 MAX_SUBMITTED = 256
 """Pieces that an executor is given ahead. Chosen: workers never wait, and memory stays bounded."""
+UNPICKLED = ("pickle", "local object")
+"""What an AttributeError or a TypeError says of a value that cannot be pickled. Source: Python 3.11 to 3.13."""
 MAX_ATTEMPTS = 3
 """Times that a piece is run before its error counts. Chosen: a cluster may lose one with the machine that had it."""
 OVERDUE_RATIO = 4.0
@@ -211,7 +213,9 @@ class _Submitted:
         return [future for future, copy in self.waiting.items() if copy.number == number]
 
     def _retry(self, copy: _Attempt, error: Exception) -> None:
-        if isinstance(error, (PicklingError, AttributeError, TypeError)) and "pickle" in str(error):
+        if isinstance(error, PicklingError) or (
+            isinstance(error, (AttributeError, TypeError)) and any(sign in str(error) for sign in UNPICKLED)
+        ):
             raise RunError(
                 f"work for another process must be pickled, and this cannot be: {error}. Give inputs as "
                 "samples, and define blocks of your own in a module."
