@@ -463,6 +463,20 @@ def test_c_code_solves_loops_at_samples_and_of_several_signals(tmp_path):
     assert c_rows(d, tmp_path, values, 0.01, 200) == pytest.approx(mine, rel=1e-12, abs=1e-12)
 
 
+@needs_compiler
+def test_c_code_has_no_function_for_a_loop_that_nothing_shown_depends_on(tmp_path):
+    shown = tsm.Diagram(
+        title="beside",
+        blocks=dict(e=Sum(), k=Cubic(), lag=FirstOrderLag(time_constant=0.2)),
+        wires=["e -> k -> e.minus"],
+        inputs={"r": ["e.plus", "lag"]},
+        outputs={"y": "lag"},
+    )
+    values = np.random.default_rng(3).normal(size=(50, 1))
+    mine = engine_rows(shown, ["r"], values, 0.01, 50, "rk4")
+    assert c_rows(shown, tmp_path, values, 0.01, 50) == pytest.approx(mine, rel=1e-12, abs=1e-12)
+
+
 # ---- what is reported
 
 

@@ -191,8 +191,9 @@ class _Text:
     # ---- source
 
     def _source(self) -> Iterator[str]:
-        parts = (self._solvers, self._init, self._update, self._past, self._signals, self._rates, self._step)
+        parts = (self._init, self._update, self._past, self._signals, self._rates, self._step)
         body = [line for part in parts for line in part()]
+        body = [*self._solvers("\n".join(body)), *body]
         yield from [f'#include "{self.name}.h"', "", "#include <math.h>", ""]
         text = "\n".join(body)
         limits = [limit for name, limit in LIMITS.items() if f"{name}(" in text]
@@ -200,8 +201,9 @@ class _Text:
             yield from ["/* Limits that keep NaN. */", "\n".join(limits)]
         yield from body
 
-    def _solvers(self) -> Iterator[str]:
-        yield from solver_functions(self.name, self.loops)
+    def _solvers(self, text: str) -> Iterator[str]:
+        """Functions of the loops that the text solves: what is shown may depend on none of a loop's signals."""
+        yield from solver_functions(self.name, self.loops, text)
 
     def _place(self, program: Program) -> Callable[[int, int], str]:
         """The expression in C of each input of a program."""

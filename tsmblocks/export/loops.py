@@ -91,9 +91,11 @@ static void {n}_loop_{number}(const double *w, double *root)
 """The C function that solves a loop; a template of ``str.format``."""
 
 
-def solver_functions(name: str, loops: Sequence[Loop]) -> Iterator[str]:
-    """The functions of all loops: ``NAME_loop_K(w, root)`` replaces the last solution by the new one."""
+def solver_functions(name: str, loops: Sequence[Loop], text: str) -> Iterator[str]:
+    """Functions of the loops that a text solves: ``NAME_loop_K(w, root)`` replaces the last solution by the new one."""
     for number, loop in enumerate(loops):
+        if f"{name}_loop_{number}(" not in text:
+            continue
         yield from _correction(f"{name}_correction_{number}", loop)
         rows = [", ".join(c_double(start_value(s, k)) for k in range(loop.size)) for s in range(1, STARTS + 1)]
         yield SOLVER.format(
