@@ -107,6 +107,18 @@ def test_soft_saturation_without_limits_passes_to_the_bit(softness):
         assert value(SoftSaturation(low=-np.inf, high=np.inf, softness=softness), u=u)["y"] == u
 
 
+def test_a_soft_limit_beside_an_infinite_one_has_derivatives():
+    """The output is u - s ln(1 + e^((u - h)/s)): its derivatives are written out here."""
+    t, h, s = np.linspace(0.0, 2.0, 101), 0.3, 0.1
+    u = np.sin(3.0 * t)
+    soft = SoftSaturation(low=-np.inf, high=h, softness=s)
+    alone = tsm.Diagram(title="soft", blocks={"b": soft}, inputs={"u": "b"}, outputs={"y": "b"})
+    found = tsm.sensitivities(alone, ["b.high", "b.softness"], inputs={"u": (t, u)}, stop=2.0, step=0.02)
+    e = np.exp((u - h) / s)
+    exact = np.stack([e / (1 + e), (u - h) / s * e / (1 + e) - np.log1p(e)])
+    assert pytest.approx(exact, abs=1e-12) == found.jacobian[:, 0, :].T
+
+
 @pytest.mark.parametrize(("low", "high"), [(-np.inf, 0.5), (-0.5, np.inf)])
 def test_soft_saturation_on_one_side(low, high):
     """Far within the limits the signal passes, and the order of signals stays."""

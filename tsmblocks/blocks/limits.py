@@ -10,6 +10,8 @@ from tsmblocks.blocks.shared import check_limits, limited
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
+FAR = 800.0
+"""Distance from a limit, in softnesses, beyond which nothing is rounded. Derived: e^-800 is zero in doubles."""
 LONG_AGO = -1e9
 """Initial time [s], so early that a rate limit since then does not bind. Chosen finite, so that derivatives are."""
 
@@ -75,7 +77,8 @@ def _rounding(away: Any, softness: Any) -> Any:
 
 
 def _log_rounding(away: Any, softness: Any) -> Any:
-    return ca.log1p(ca.exp(-ca.fabs(away) / softness))
+    distance = ca.fmin(ca.fabs(away), FAR * softness)  # of an infinite limit, too, whose derivative would be NaN
+    return ca.log1p(ca.exp(-distance / softness))
 
 
 @block
