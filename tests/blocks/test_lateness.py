@@ -227,6 +227,22 @@ def test_dead_time_holds_the_first_value_before_the_start():
     assert run["y"] == pytest.approx(np.maximum(3.0 + T - 0.025, 3.0), abs=1e-13)
 
 
+@pytest.mark.parametrize("backend", ["llvm", "casadi"])
+@pytest.mark.parametrize("method", ["heun", "rk4"])
+@pytest.mark.parametrize("kind", [DeadTime, Delay])
+def test_the_jump_from_the_value_before_the_start_belongs_to_the_step_after_it(kind, method, backend):
+    """The integral of what jumps from -1 to 1 at an instant of the grid has no error there."""
+    options = {"start": "value"} if kind is DeadTime else {}
+    late = tsm.Diagram(
+        title="late",
+        blocks={"one": Constant(), "late": kind(time=0.05, initial=-1.0, **options), "total": Integrator()},
+        wires=["one -> late -> total"],
+        outputs={"y": "total"},
+    )
+    run = tsm.simulate(late, stop=0.2, step=0.01, method=method, backend=backend)
+    assert run["y"] == pytest.approx(np.abs(run.t - 0.05) - 0.05, abs=1e-9)
+
+
 def test_dead_time_of_a_sampled_signal():
     d = tsm.Diagram(
         title="held",

@@ -39,8 +39,9 @@ def interpolated_past(kept: list[Any], t: Any, delay: Any, first: Any, now: Any 
     e3 = if_known(3, (e2 - d2 / 2) / (away + 2))
     recent = now + back * (e1 + (back + away) * (e2 + (back + away + 1) * e3))
     value = ca.if_else(ca.logic_or(since > 0, count < 1), recent, value)
-    before = ca.if_else(count < 1, now, y3) if first is None else first
-    return ca.if_else(passed < 0, before, value)
+    if first is None:
+        return ca.if_else(passed < 0, ca.if_else(count < 1, now, y3), value)
+    return ca.if_else(ca.floor(passed) < 0, first, value)  # rounded, as it jumps there: see ``time_jumps``
 
 
 def held_past(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
