@@ -37,6 +37,8 @@ class Target:
 
     spoilt: Callable[[random.Random, Path], Any]
     read: Callable[[Any], Any]
+    good: tuple[tuple[str, Callable[[Path], Any]], ...] = ()
+    """Names of good files, with the functions that write them."""
 
 
 # ---- recordings
@@ -58,7 +60,7 @@ def recording(ending: str, *write: Callable[[Path], Any]) -> Target:
         path.write_bytes(mutated(rng, rng.choice(good(folder))))
         return path
 
-    return Target(spoilt, _read_either_way)
+    return Target(spoilt, _read_either_way, tuple((f"good{ending}", one) for one in write))
 
 
 def _read_either_way(path: Path) -> None:

@@ -14,6 +14,8 @@ from tsmblocks.model.diagram import Diagram
 TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)
 """Trial delays and time constants [s] for sampling steps up to ``COARSE_SAMPLING``; longer in proportion for longer
 ones. Chosen: the range of drives and sensors, a factor of three to five apart."""
+TRIAL_COEFFICIENT = 0.01
+"""Trial coefficient of a term in the rate [s], less for signals that are faster. Chosen: the range of drives."""
 MODE_REACH = 20.0
 """Largest swing of a mode when a recording begins [half the range of the input]. Chosen: one of light damping rings."""
 MODE_SHARE = 0.02
@@ -39,6 +41,8 @@ TWO_LAGS = Diagram(
 
 def _trial_times(name: str, scales: Scales, most: float) -> Trials:
     times = [time * max(1.0, scales.step / COARSE_SAMPLING) for time in TRIAL_TIMES]
+    if most <= times[0]:  # a recording of some milliseconds
+        times = [time * 0.5 * most / times[-1] for time in times]
     return Trials({}, tuple({name: time} for time in times if time < most), bounds={name: (0.0, most)})
 
 
@@ -80,7 +84,8 @@ def _rate_dependence_trials(scales: Scales) -> Trials | None:
     if not scales.wire.speed > 0:  # a signal at rest
         return None
     exponents, fixed = ({"exponent": 1.0}, {"exponent": 0.5}), {"smoothing": 0.02 * scales.wire.speed}
-    return Trials({"coefficient": 0.01}, exponents, fixed, {"exponent": (0.25, 3.0)})
+    size = min(TRIAL_COEFFICIENT, scales.wire.reach / scales.wire.speed)
+    return Trials({"coefficient": size}, exponents, fixed, {"exponent": (0.25, 3.0)})
 
 
 DEAD_TIME = Effect(
