@@ -1,6 +1,8 @@
 """The command ``study``: a file in, a table and results out; every fault of a file with its line."""
 
+import errno
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -92,6 +94,16 @@ def test_the_same_in_processes(file):
         env={"PYTHONPATH": str(Path(tsmblocks.__file__).parents[1]), "PATH": ""},
     )
     assert Path("a.csv").read_bytes() == Path("b.csv").read_bytes()
+
+
+def test_processes_that_cannot_be_started_are_one_message(file, capsys, monkeypatch):
+    def full(*_):
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr("multiprocessing.util.spawnv_passfds", full)
+    assert main(["study", file(STUDY), "--workers", "2"]) == 2
+    said = "tsmblocks: --workers 2: no more processes can be started: resource temporarily unavailable.\n"
+    assert capsys.readouterr().err == said
 
 
 def test_grids_and_sweeps(file, capsys):

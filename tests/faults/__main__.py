@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tests.faults.inject import build, can_run, inject, kill
 from tests.faults.scenarios import SCENARIOS, TORN
+from tests.faults.trials import KINDS
 
 PRELOADED = "TSMBLOCKS_FAULTS"
 """Variable of the environment that says that the library is loaded."""
@@ -22,6 +23,7 @@ def main() -> int:
     names = ", ".join(SCENARIOS)
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help=f"one of: {names} (default: all)")
     parser.add_argument("--most", type=int, help="trials of each, drawn with the seed (default: all)")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="calls that fail (default: all)")
     parser.add_argument("--kill", type=int, metavar="N", help="instead, kill each at N instants, and run it again")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", action="store_true", help="print one object a line")
@@ -33,7 +35,11 @@ def main() -> int:
     found = 0
     for name in args.scenarios or [name for name in SCENARIOS if name != TORN]:
         began = time.monotonic()
-        result = kill(name, args.kill, args.seed) if args.kill else inject(name, most=args.most, seed=args.seed)
+        result = (
+            kill(name, args.kill, args.seed)
+            if args.kill
+            else inject(name, most=args.most, seed=args.seed, kinds=args.kinds)
+        )
         found += bool(result.faults)
         numbers = (result.calls, result.trials, result.refused, result.survived, result.killed, result.aborted)
         if args.json:

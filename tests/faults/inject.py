@@ -6,7 +6,6 @@ A trial is a forked child of this process, in which ``shim.c`` is loaded; so mod
 from __future__ import annotations
 
 import ctypes
-import errno
 import os
 import random
 import re
@@ -17,34 +16,14 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import attrs
 
 from tests.faults.scenarios import OLD, SCENARIOS, Scenario
+from tests.faults.trials import KILLED, KILLED_HALFWAY, KINDS, Trial, trials_of
 
-KINDS = ("open", "read", "write", "close", "rename", "sync", "mkdir", "unlink", "chmod", "mmap", "fork")
-"""Kinds of calls, numbered as in ``shim.c``."""
-SHORT, KILLED, KILLED_HALFWAY = 0, -1, -2
-"""Stand for no error: half of a read or a write; the process is killed before a call; the same in the middle of it."""
-DISK = (errno.EIO, errno.ENOSPC, errno.EINTR)
-WAYS = {
-    "open": (errno.EACCES, errno.EIO, errno.ENOSPC, errno.EMFILE, errno.EINTR),
-    "read": (errno.EIO, errno.EINTR, SHORT),
-    "write": (*DISK, SHORT),
-    "close": DISK,
-    "rename": (errno.EACCES, *DISK),
-    "sync": DISK,
-    "mkdir": (errno.EACCES, errno.ENOSPC),
-    "unlink": (errno.EACCES, errno.EIO),
-    "chmod": (errno.EPERM, errno.EIO),
-    "mmap": (errno.ENOMEM,),
-    "fork": (errno.EAGAIN, errno.ENOMEM),
-}
-"""Errors that each kind of call can have."""
-FULL = {"write", "sync", "mkdir"}
-"""Kinds of calls that fail as long as a disk is full."""
 LIMIT = 60.0
 """Seconds after which a trial hangs. Chosen: all of them are a matter of a second."""
 IN_MEMORY = "/dev/shm"
@@ -54,36 +33,6 @@ UNFINISHED = re.compile(r"\.new$|\.tmp$|^tmp")
 
 _TRACEBACK = re.compile(r"(?m)Traceback|Exception ignored|^E   ")
 """A traceback of Python or of pytest."""
-
-
-@attrs.frozen(order=True)
-class Trial:
-    """A call, by its number in a run without faults, and how it fails; with ``lasting`` later ones fail as well."""
-
-    call: int
-    kind: str
-    name: str
-    error: int
-    lasting: str = ""
-
-    @property
-    def words(self) -> str:
-        """The trial in one line."""
-        names = {SHORT: "short", KILLED: "killed", KILLED_HALFWAY: "killed halfway"}
-        how = names.get(self.error) or errno.errorcode[self.error]
-        return f"call {self.call}, {self.kind} {Path(self.name).name}: {how}{self.lasting and ' and ' + self.lasting}"
-
-    @property
-    def wanted(self) -> tuple[int, int, int, int]:
-        """The trial as ``faults_arm`` takes it."""
-        modes = (SHORT, KILLED, KILLED_HALFWAY)
-        return self.call, max(self.error, 1), modes.index(self.error) + 1 if self.error in modes else 0, self.bits
-
-    @property
-    def bits(self) -> int:
-        """Kinds of later calls that fail."""
-        names = {"full": FULL, "gone": set(KINDS[: KINDS.index("mmap")])}.get(self.lasting, set())
-        return sum(1 << k for k, name in enumerate(KINDS) if name in names)
 
 
 @attrs.define
@@ -287,27 +236,13 @@ def _is_partial_study(name: str, content: bytes | None, after: dict[str, bytes])
 # ---- all of them
 
 
-def trials_of(calls: tuple[tuple[str, str], ...]) -> list[Trial]:
-    """Each call with each way to fail: alone, or with all that follow, on a disk that is full or gone."""
-    made = []
-    for number, (kind, name) in enumerate(calls, start=1):
-        made += [Trial(number, kind, name, error) for error in WAYS[kind]]
-        if kind not in ("mmap", "read", "close"):
-            made.append(Trial(number, kind, name, KILLED))
-        if kind == "write":
-            made.append(Trial(number, kind, name, KILLED_HALFWAY))
-        if kind in FULL:
-            made.append(Trial(number, kind, name, errno.ENOSPC, "full"))
-        if kind not in ("mmap", "fork"):
-            made.append(Trial(number, kind, name, errno.EIO, "gone"))
-    return made
-
-
 def _bench_folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="faults-", dir=IN_MEMORY if Path(IN_MEMORY).is_dir() else None)
 
 
-def inject(name: str, *, most: int | None = None, seed: int = 0, mapped: int = 20) -> Result:
+def inject(
+    name: str, *, most: int | None = None, seed: int = 0, kinds: Sequence[str] = KINDS, mapped: int = 20
+) -> Result:
     """Run the trials of a scenario: all, or ``most`` of them drawn with a seed; of mmap ``mapped`` calls at most."""
     scenario, result, rng = SCENARIOS[name], Result(), random.Random(f"{name} {seed}")
     with _bench_folder() as folder:
@@ -316,7 +251,7 @@ def inject(name: str, *, most: int | None = None, seed: int = 0, mapped: int = 2
             before = _files(bench.folder / "work")
             good, _ = bench.ran(None)
             assert good.status == scenario.ends, f"{good.status}: {good.said}"
-            trials = trials_of(good.calls)
+            trials = [one for one in trials_of(good.calls) if one.kind in kinds]
             maps = [one for one in trials if one.kind == "mmap"]
             dropped = set(maps) - set(rng.sample(maps, min(mapped, len(maps))))
             trials = [one for one in trials if one not in dropped]

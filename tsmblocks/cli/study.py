@@ -17,7 +17,7 @@ import argparse
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -66,18 +66,29 @@ def _run(args: argparse.Namespace, out: Path | None) -> Any:
 
 
 @contextmanager
+def _processes(count: int) -> Iterator[Executor]:
+    """Worker processes. They inherit that Ctrl-C does not reach them: this process ends them, and says so once."""
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    with ExitStack() as opened:
+        try:
+            spawn = multiprocessing.get_context("spawn")
+            pool = opened.enter_context(ProcessPoolExecutor(count, spawn, initializer=end_with_parent))
+            with children_ignore_interrupts():
+                for _ in range(count):
+                    pool.submit(abs, 0)  # starts one
+        except OSError as error:
+            why = f"no more processes can be started: {str(error.strerror).lower()}"
+            raise common.UsageError(f"--workers {count}: {why}.") from None
+        yield pool
+
+
+@contextmanager
 def _executor(args: argparse.Namespace) -> Iterator[Executor | None]:
     """The executor of the runs; None for this process."""
     if args.workers:
-        import multiprocessing
-        from concurrent.futures import ProcessPoolExecutor
-
-        # The workers inherit that Ctrl-C does not reach them: this process ends them, and says so once.
-        spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(args.workers, spawn, initializer=end_with_parent) as pool:
-            with children_ignore_interrupts():
-                for _ in range(args.workers):
-                    pool.submit(abs, 0)  # starts one
+        with _processes(args.workers) as pool:
             yield pool
     elif args.dask:
         try:
