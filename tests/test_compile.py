@@ -8,6 +8,7 @@ import tsmblocks.blocks  # noqa: F401 - fills the registry
 from tsmblocks.blocks import (
     Abs,
     Constant,
+    DeadTime,
     Delay,
     Derivative,
     DiscreteIntegrator,
@@ -16,6 +17,7 @@ from tsmblocks.blocks import (
     Integrator,
     Product,
     Ramp,
+    RateLimit,
     Relay,
     Sine,
     StateSpace,
@@ -27,6 +29,7 @@ from tsmblocks.blocks import (
 from tsmblocks.common.errors import AlgebraicLoop
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.compiler.dependencies import structure_of
+from tsmblocks.files import load
 from tsmblocks.model.block import REGISTRY, leaves, signals
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.simulate import simulate
@@ -237,3 +240,80 @@ def test_blocks_and_wires_may_be_given_in_any_order():
     other = simulate(Diagram(blocks=dict(reversed(blocks.items())), wires=wires[::-1]), stop=1.0)
     for name in one:
         assert one[name] == pytest.approx(other[name], rel=0, abs=1e-13)
+
+
+# ---- what the equations say of the diagram
+
+
+def looped(block, **more):
+    """A sum with a loop through a block, without a state, and a sampled branch beside it."""
+    return Diagram(
+        title="around",
+        blocks={"s": Sum(), "g": block, "z": ZeroOrderHold(period=0.1), "i": Integrator(), **more},
+        inputs={"u": "s.plus"},
+        wires=["s -> g -> s.minus", "s -> z -> i"],
+        outputs={"y": "i"},
+    )
+
+
+def test_a_loop_is_refused_only_where_that_is_asked_for():
+    assert compile_diagram(looped(Gain(gain=0.5))).loops
+    with pytest.raises(AlgebraicLoop):
+        compile_diagram(looped(Gain(gain=0.5)), refuse_loops=True)
+
+
+def test_signals_are_inputs_outputs_and_states_and_no_held_sample():
+    diagram = looped(Gain(gain=0.5))
+    eq = compile_diagram(diagram)
+    ends = {f"{name}.{end}" for name, b in diagram.blocks.items() for end in (*b.outports, *b.states)}
+    assert set(eq.y) == {"u"} | ends
+    assert len(eq.y) == len(set(eq.y))
+    assert eq.d == ("z.y (held)",)
+
+
+def test_units_are_those_of_signals_and_those_declared_of_states():
+    diagram = Diagram(
+        title="units",
+        blocks={"drive": Ramp(unit="V"), "lag": FirstOrderLag(), "late": RateLimit(), "free": Integrator()},
+        inputs={"u": "free"},
+        wires=["drive -> lag", "lag -> late"],
+        outputs={"y": "lag"},
+    )
+    units = compile_diagram(diagram).units
+    assert units["late.time"] == "s"  # declared
+    assert units["drive.y"] == "V"
+    assert "free.integral" not in units  # of an input without a unit
+    assert all(unit and "?" not in unit for unit in units.values())
+
+
+def test_tapes_are_those_of_blocks_that_read_one():
+    diagram = load("fig16_feedforward_feedback")
+    blocks = compile_diagram(diagram).reads
+    read = {name for name, b in diagram.blocks.items() if getattr(b, "tape_ports", ())}
+    assert set(compile_diagram(diagram).tapes) == read < set(blocks)
+
+
+def test_a_delay_may_be_one_step_where_its_output_needs_it_and_none_where_it_does_not():
+    one = Diagram(title="d", blocks={"d": DeadTime(time=0.01)}, inputs={"u": "d"}, outputs={"y": "d"})
+    assert compile_diagram(one).min_delay_steps == (0,)
+    loop = Diagram(
+        title="loop",
+        blocks={"d": Delay(time=0.01), "s": Sum()},
+        inputs={"u": "s.plus"},
+        wires=["s -> d -> s.minus"],
+        outputs={"y": "s"},
+    )
+    assert compile_diagram(loop).min_delay_steps == (1,)
+    y = simulate(loop, inputs={"u": lambda t: 1.0 + 0 * t}, stop=0.05, step=0.01)["y"]
+    assert y == pytest.approx([1.0, 0.0, 1.0, 0.0, 1.0, 0.0])
+
+
+def test_a_loop_is_watched_where_its_gain_changes():
+    """The determinant of a loop of constant gain depends on parameters only."""
+    assert compile_diagram(looped(Gain(gain=0.5))).watched is None
+    changing = looped(Gain()).rewire(
+        cut=["g.y -> s.minus", "s.y -> g.u"],
+        add=["s -> g", "g -> p.u1", "r -> p.u2", "p -> s.minus"],
+        blocks={**looped(Gain()).blocks, "p": Product(), "r": Ramp()},
+    )
+    assert compile_diagram(changing).watched.paths == (("s.y", "g.y", "p.y", "s.y"),)

@@ -247,7 +247,7 @@ def a_list_of_start_values():
     driven(initial=[1.0])
 
 
-@mistake(RunError, "the initial state 'g.value' must be a finite number, got np.complex128(1j).")
+@mistake(RunError, "the initial state 'g.value' must be a finite number, got 1j.")
 def a_complex_start_value():
     driven(initial={"g.value": np.complex128(1j)})
 

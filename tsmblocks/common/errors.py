@@ -217,6 +217,8 @@ def in_words(value: object, limit: int = 60) -> str:
     shape = getattr(value, "shape", ()) if hasattr(value, "dtype") else ()
     if len(shape) > 1 or max(shape, default=0) > 8:
         return f"an array of shape {tuple(shape)}"
+    if type(value).__module__ == "numpy" and shape == () and hasattr(value, "item"):
+        return in_words(value.item(), limit)  # releases of NumPy differ in how they show a number
     try:
         return clip(" ".join(repr(value).split()), limit)
     except Exception:  # an object that cannot be shown, or lists too deep in each other

@@ -130,8 +130,8 @@ def _signals(flat: FlatDiagram, evaluator: Evaluator) -> dict[str, Any]:
     """Expressions of all signals that can be logged: inputs, outputs of blocks as evaluated, states."""
     signals = {name: evaluator.value["u", name] for name in flat.inputs}
     signals |= {f"{node[1]}.{node[2]}": value for node, value in evaluator.value.items() if node[0] == "y"}
-    states = {".".join(k): v for k, v in (*evaluator.x.items(), *evaluator.d.items()) if not is_held_output(k)}
-    return signals | {name: v for name, v in states.items() if name not in signals}
+    states = (*evaluator.x.items(), *evaluator.d.items())  # no state has the name of a port
+    return signals | {".".join(key): value for key, value in states if not is_held_output(key)}
 
 
 def _units(diagram: Diagram, flat: FlatDiagram, names: Iterable[str]) -> dict[str, str]:

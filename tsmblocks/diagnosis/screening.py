@@ -303,7 +303,7 @@ class _Screening:
         numbers = {k: s * v for (k, v), s in zip(self.sizes, size, strict=False)}
         base_fixed, unknowns = self._unknowns_at({**shape, **numbers}), self.problem.unknowns
         shift = dict(zip(self.model.problem.unknowns.names, -self.base.turn @ (inside @ size), strict=True))
-        moved = [item.experiment or not self.candidate.owns(item.parameter) for item in unknowns.items]
+        moved = [bool(item.experiment) or not self.candidate.owns(item.parameter) for item in unknowns.items]
         theta = base_fixed + np.where(moved, [shift.get(name, 0.0) for name in unknowns.names], 0.0)
 
         def fall(by: np.ndarray) -> float:

@@ -1,0 +1,161 @@
+"""Each threshold of the decision, from both of its sides, and what a verdict says of itself."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tests.test_diagnosis_parts import NOISE, even, stand_in
+from tsmblocks.diagnosis.decision import (
+    BOUND_TOLERANCE,
+    CONCENTRATED_RATIO,
+    CONCENTRATED_SCATTERS,
+    DISTINGUISHABLE_GAIN_SHARE,
+    INDISTINGUISHABLE_GAIN_SHARE,
+    INDISTINGUISHABLE_NOISE_SHARE,
+    SIMPLER_EFFECT_SHARE,
+    FittedCandidate,
+    Verdict,
+    _concentrated,
+    _is_indistinguishable,
+    decide,
+    ridge_weights,
+    shrinkage_of,
+)
+
+PART = even(60)
+BASE = 3.0 + NOISE[0]
+
+
+def peaked(scatters, loss=0.0):
+    """Gains that scatter by 0.1, by their median, with one peak of so many scatters and one loss beside it."""
+    scatter = 0.1 / 0.674490 + 0.02  # a normal quantile at 3/4, and the least that counts
+    return np.array([0.1, -0.1] * 29 + [-loss, scatters * scatter])
+
+
+@pytest.mark.parametrize("far", [0.98, 1.02])
+def test_gains_are_concentrated_from_ten_scatters_on(far):
+    assert _concentrated(peaked(CONCENTRATED_SCATTERS * far)) == (far > 1)
+
+
+@pytest.mark.parametrize("far", [0.98, 1.02])
+def test_gains_are_not_concentrated_beside_as_large_a_loss(far):
+    peak = peaked(30.0)[-1]
+    assert _concentrated(peaked(30.0, peak / CONCENTRATED_RATIO / far)) == (far > 1)
+
+
+@pytest.mark.parametrize(("peak", "concentrated"), [(0.19, False), (0.21, True)])
+def test_where_nothing_scatters_a_peak_still_has_to_be_of_interest(peak, concentrated):
+    gain = np.zeros(60)
+    gain[7] = peak
+    assert _concentrated(gain) == concentrated
+
+
+@pytest.mark.parametrize(("difference", "together"), [(0.9, True), (1.1, False)])
+@pytest.mark.parametrize(("removed", "noise"), [(2.0, 1.0), (2.0, 2.0), (20.0, 1.0)])
+def test_what_differs_by_next_to_nothing_is_indistinguishable_however_surely(removed, noise, difference, together):
+    """Next to nothing is a share of the noise, or of what is removed."""
+    tolerance = max(INDISTINGUISHABLE_NOISE_SHARE * noise, INDISTINGUISHABLE_GAIN_SHARE * removed)
+    base = noise + removed + 1e-3 * NOISE[0]
+    best = stand_in(noise + 1e-3 * NOISE[1], name="best")
+    other = stand_in(best.losses + difference * tolerance, 3, name="other")
+    assert (other in decide(base, [best, other], PART, noise, 0).indistinguishable) == together
+
+
+@pytest.mark.parametrize(("difference", "together"), [(0.9, True), (1.1, False)])
+def test_what_differs_by_much_is_distinguishable_however_unsure(difference, together):
+    scatter = NOISE[1] - NOISE[1].mean()
+    best = stand_in(1.0 + 0 * scatter)
+    other = stand_in(1.0 + difference * DISTINGUISHABLE_GAIN_SHARE * 2.0 + 80 * scatter, 3)
+    assert (other in decide(3.0 + 0 * scatter, [best, other], PART, 1.0, 0).indistinguishable) == together
+
+
+@pytest.mark.parametrize(("size", "together"), [(0.1, True), (0.5, False)])
+def test_a_difference_in_few_blocks_counts_where_it_is_large(size, together):
+    """Its t-statistic is that of one block."""
+    best, losses = stand_in(np.ones(60)), np.ones(60)
+    losses[7] += 60 * size
+    assert _is_indistinguishable(stand_in(losses), best, PART, 0.01, concentrated_size=0.18) == together
+
+
+def test_only_what_is_tenable_and_removes_nearly_as_much_is_named_for_being_simpler():
+    def beside(loss, **more):
+        best = stand_in(1.0 + NOISE[1], 5, name="best")
+        simple = stand_in(loss + NOISE[1] + 30 * (NOISE[2] - NOISE[2].mean()), 3, name="simple")
+        simple = FittedCandidate(simple.candidate, simple.model, simple.losses, simple.losses, simple.loss, **more)
+        verdict = decide(BASE, [best, simple], PART, 1.0, 0)
+        assert {one.candidate.effect.name for one in verdict.indistinguishable} == {"best", "simple"}
+        return verdict.named.candidate.effect.name
+
+    short = 2.0 * (1 - SIMPLER_EFFECT_SHARE)
+    assert beside(1.0 + 0.8 * short) == "simple"
+    assert beside(1.0 + 1.2 * short) == "best"
+    assert beside(1.0 + 0.8 * short, tenable=False) == "best"
+
+
+def test_the_lowest_loss_at_a_disqualifying_bound_is_what_might_still_be_reached():
+    near = stand_in(2.0 + NOISE[1])
+    out, further = (stand_in(loss + NOISE[1], edge=0.0) for loss in (1.5, 1.0))
+    verdict = decide(BASE, [further, near, out], PART, 1.0, 0)
+    assert verdict.named is near
+    assert verdict.out_of_bounds_loss == further.loss
+    assert decide(BASE, [near], PART, 1.0, 0).out_of_bounds_loss == np.inf
+
+
+@pytest.mark.parametrize(("distance", "at_bound"), [(0.9, True), (1.1, False)])
+@pytest.mark.parametrize(("low", "high", "side"), [(2.0, 9.0, 1), (-9.0, -2.0, -1)])
+def test_a_parameter_is_at_a_bound_within_a_thousandth(low, high, side, distance, at_bound):
+    one = stand_in(1.0 + NOISE[1])
+    item = one.model.problem.unknowns.items[0]
+    item.low, item.high = low, high
+    nearest = min((low, high), key=abs)
+    one.model.theta[0] = nearest + side * distance * BOUND_TOLERANCE * abs(low)
+    assert (one.at_bounds == ("p0",)) == at_bound
+
+
+def test_the_significance_of_a_name_is_in_critical_values():
+    one, other = stand_in(1.0 + NOISE[1]), stand_in(2.0 + NOISE[2])
+    assert Verdict((other, one), (9.0, 6.0), 1.5, one).significance == 4.0
+    assert Verdict((other, one), (9.0, 6.0), 0.0, one).significance == np.inf
+    assert Verdict((other, one), (9.0, 6.0), 1.5).significance == np.inf
+
+
+def candidate_of(free, null=(), shapes=(), strengths=(), refine=""):
+    trials = SimpleNamespace(shapes=shapes, strengths=dict(strengths), refine=refine)
+    effect = SimpleNamespace(free=free, null=dict(null))
+    return SimpleNamespace(trials=trials, effect=effect, block="b", transition_time=0.25)
+
+
+def test_effects_shrink_to_their_null_by_the_size_that_is_typical_of_them():
+    """A strength is the size; else the mean of the shapes that name it, else 1; an instant counts in transitions."""
+    found = shrinkage_of(
+        candidate_of(
+            free=("gain", "width", "limit", "instant", "other"),
+            null={"gain": 1.0, "width": 0.0, "limit": np.inf, "instant": 0.0},
+            shapes=({"width": -2.0}, {"width": 4.0}, {"limit": 5.0}),
+            strengths={"gain": -0.5},
+            refine="instant",
+        )
+    )
+    expected = {
+        "b.gain": (1.0, 0.5),
+        "b.width": (0.0, 3.0),
+        "b.limit": (np.nan, 5.0),  # a limit that never acts is no value to shrink to
+        "b.instant": (0.0, 0.25),
+        "b.other": (np.nan, 1.0),
+    }
+    assert found.keys() == expected.keys()
+    for key, value in expected.items():
+        np.testing.assert_equal(found[key], value)
+
+
+def test_weights_of_the_ridge():
+    """1 / size^2, of an estimate larger than that 1 / estimate^2; nothing for parameters of the base."""
+    items = [SimpleNamespace(parameter=name) for name in ("base", "b.small", "b.large", "b.free", "b.still")]
+    unknowns = SimpleNamespace(items=items)
+    theta = np.array([7.0, 0.1, -4.0, 3.0, 0.0])
+    model = SimpleNamespace(theta=theta, problem=SimpleNamespace(unknowns=unknowns))
+    sizes = {"b.small": (0.5, 2.0), "b.large": (0.0, 2.0), "b.free": (np.nan, 2.0), "b.still": (np.nan, 0.0)}
+    ridge, null = ridge_weights(sizes, model)
+    assert ridge.tolist() == [0.0, 1 / 4, 1 / 16, 1 / 4, 1.0]
+    assert null.tolist() == [7.0, 0.5, 0.0, 3.0, 0.0]
