@@ -19,6 +19,7 @@ from tsmblocks.blocks import (
     Play,
     Product,
     Ramp,
+    Ripple,
     Saturation,
     Sine,
     Step,
@@ -28,6 +29,10 @@ from tsmblocks.blocks import (
 from tsmblocks.cli import main
 from tsmblocks.common.errors import AlgebraicLoop, NotFinite, RunError, TsmError
 from tsmblocks.draw.compose import layout
+from tsmblocks.engine import jit
+from tsmblocks.engine.methods import method_named
+from tsmblocks.engine.plan import plan_for
+from tsmblocks.engine.register_kernel import RegisterKernel
 
 BACKENDS = ["llvm", "casadi"]
 
@@ -461,6 +466,46 @@ def test_c_code_solves_loops_at_samples_and_of_several_signals(tmp_path):
     values = np.random.default_rng(2).normal(size=(200, 1)).cumsum(axis=0) / 10
     mine = engine_rows(d, ["r"], values, 0.01, 200, "rk4")
     assert c_rows(d, tmp_path, values, 0.01, 200) == pytest.approx(mine, rel=1e-12, abs=1e-12)
+
+
+def a_loop_that_reads_much():
+    """Functions of time are carried from step to step, and the loop reads more numbers than registers take."""
+    return tsm.Diagram(
+        title="much",
+        blocks=dict(
+            a=Sine(amplitude=0.8, frequency=5.8),
+            b=Sine(amplitude=0.6, frequency=1.4),
+            r=Gain(),
+            e=Sum(signs="+-"),
+            g=Gain(gain=-0.35),
+            bent=Ripple(cosine=0.122, sine=-0.016, cosine2=0.1, sine2=-0.087, cycles=2.542),
+            h=Gain(gain=0.83),
+            back=Gain(gain=-0.46),
+        ),
+        wires=["r -> e.plus", "e -> g -> bent -> h -> back -> e.minus"],
+        inputs={"u": "r"},
+        outputs={"a": "a", "b": "b", "e": "e", "bent": "bent"},
+    )
+
+
+def test_lanes_keep_the_stack_aligned_where_a_loop_reads_much():
+    """A place on the stack that is made behind a branch moves it, and a run of several lanes ended the process."""
+    d = a_loop_that_reads_much()
+    eq = tsm.equations(d)
+    logged = tuple(range(len(eq.y)))
+    varied = frozenset({eq.p.index("r.gain"), eq.p.index("g.gain")})
+    text = RegisterKernel(plan_for(eq, method_named("rk4"), logged, lanes=4, vary=varied), jit.host()).text()
+    start = text.partition("define void @run(")[2].partition("\n}")[0]
+    assert " alloca " in start
+    assert "@tsm_" in start
+    assert start.rindex(" alloca ") < start.index("@tsm_")
+    t = 0.01 * np.arange(51)
+    options = dict(stop=0.5, step=0.01, inputs={"u": (t, np.cos(3 * t))}, hold="zero")
+    values = {"r.gain": [1.0, 0.9, 1.1], "g.gain": [-0.35, -0.3, -0.4]}
+    batch = tsm.simulate_batch(d, values, **options)
+    for k in range(3):
+        run = tsm.simulate(d, parameters={name: v[k] for name, v in values.items()}, **options)
+        assert batch["bent"][k] == pytest.approx(run["bent"], abs=1e-13)
 
 
 @needs_compiler

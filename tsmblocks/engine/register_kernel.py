@@ -71,18 +71,20 @@ class RegisterKernel(KernelFrame):
             for k, wide in enumerate(layout.wide):
                 w.do(f"%{name}_{k} = alloca {w.type(wide)}, align 8")
                 w.store(w.load(w.at(f"%{name}", layout.offset[k]), wide), f"%{name}_{k}", wide)
+        self.carried = self._carried_nodes() if self.carries else []
+        # Before all that may be inlined with branches: an alloca behind one takes the stack off the lanes' alignment.
+        for node in self.carried:
+            w.do(f"%c{node} = alloca {w.type(self.rhs.wide[node])}, align 8")
         self.fixed = self._constants(self.rhs, self.all_nodes)
         if self.update is not None:
             self.update_fixed = self._constants(self.update, self.update.needed(self.update.outputs.values()))
         if self.advance is not None:
             self.advance_fixed = self._constants(self.advance, self.advance.needed(self.advance.outputs.values()))
         self._delays()
-        self.carried = self._carried_nodes() if self.carries else []
         if self.carried:
             first = w.emit(self.time_of(w.emit("sitofp i64 %k0 to double")))
             values = self._time_only(first, dict(self.fixed))
             for node in self.carried:
-                w.do(f"%c{node} = alloca {w.type(self.rhs.wide[node])}, align 8")
                 w.store(values[node], f"%c{node}", self.rhs.wide[node])
         self._widen_constants()
         w.end_of_entry()
