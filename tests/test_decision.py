@@ -7,12 +7,9 @@ import pytest
 
 from tests.test_diagnosis_parts import NOISE, even, stand_in
 from tsmblocks.diagnosis.decision import (
-    BOUND_TOLERANCE,
     CONCENTRATED_RATIO,
     CONCENTRATED_SCATTERS,
     DISTINGUISHABLE_GAIN_SHARE,
-    INDISTINGUISHABLE_GAIN_SHARE,
-    INDISTINGUISHABLE_NOISE_SHARE,
     SIMPLER_EFFECT_SHARE,
     FittedCandidate,
     Verdict,
@@ -52,10 +49,11 @@ def test_where_nothing_scatters_a_peak_still_has_to_be_of_interest(peak, concent
 
 
 @pytest.mark.parametrize(("difference", "together"), [(0.9, True), (1.1, False)])
-@pytest.mark.parametrize(("removed", "noise"), [(2.0, 1.0), (2.0, 2.0), (20.0, 1.0)])
-def test_what_differs_by_next_to_nothing_is_indistinguishable_however_surely(removed, noise, difference, together):
-    """Next to nothing is a share of the noise, or of what is removed."""
-    tolerance = max(INDISTINGUISHABLE_NOISE_SHARE * noise, INDISTINGUISHABLE_GAIN_SHARE * removed)
+@pytest.mark.parametrize(("removed", "noise", "tolerance"), [(2.0, 1.0, 0.01), (2.0, 2.0, 0.02), (20.0, 1.0, 0.04)])
+def test_what_differs_by_next_to_nothing_is_indistinguishable_however_surely(
+    removed, noise, tolerance, difference, together
+):
+    """Next to nothing is a hundredth of the noise, or a five-hundredth of what is removed."""
     base = noise + removed + 1e-3 * NOISE[0]
     best = stand_in(noise + 1e-3 * NOISE[1], name="best")
     other = stand_in(best.losses + difference * tolerance, 3, name="other")
@@ -68,6 +66,16 @@ def test_what_differs_by_much_is_distinguishable_however_unsure(difference, toge
     best = stand_in(1.0 + 0 * scatter)
     other = stand_in(1.0 + difference * DISTINGUISHABLE_GAIN_SHARE * 2.0 + 80 * scatter, 3)
     assert (other in decide(3.0 + 0 * scatter, [best, other], PART, 1.0, 0).indistinguishable) == together
+
+
+@pytest.mark.parametrize(("mean", "named"), [(0.26, False), (0.28, True)])
+def test_a_gain_in_few_blocks_has_to_be_three_times_as_large_in_proportion_to_the_noise(mean, named):
+    """3 times 6 % of a noise of 1.5."""
+    gain = 0.001 * NOISE[1]
+    gain[[7, 31]] += 30 * mean - gain.sum() / 2
+    verdict = decide(BASE, [stand_in(BASE - gain)], PART, 1.5, 0)
+    assert verdict.t[0] < verdict.critical_value
+    assert (verdict.named is not None) == named
 
 
 @pytest.mark.parametrize(("size", "together"), [(0.1, True), (0.5, False)])
@@ -109,7 +117,7 @@ def test_a_parameter_is_at_a_bound_within_a_thousandth(low, high, side, distance
     item = one.model.problem.unknowns.items[0]
     item.low, item.high = low, high
     nearest = min((low, high), key=abs)
-    one.model.theta[0] = nearest + side * distance * BOUND_TOLERANCE * abs(low)
+    one.model.theta[0] = nearest + side * distance * 1e-3 * abs(low)
     assert (one.at_bounds == ("p0",)) == at_bound
 
 
