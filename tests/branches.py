@@ -19,6 +19,8 @@ Chosen: tests take about a sixth longer."""
 WHOLE = (
     "tests/test_cli_diagnose.py::",
     "tests/test_data_formats.py::",
+    "tests/test_hostile_files.py::test_each_mistake_is_said_once_in_its_line",
+    "tests/test_hostile_files.py::test_what_",
     "tests/test_diagnosis_axis.py::test_the_delay_that_is_missing_is_named",
     "tests/test_diagnosis_window.py::",
     "tests/test_report.py::",

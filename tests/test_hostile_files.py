@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tsmblocks.common.errors import MOST_PROBLEMS, DiagramError, FileError, TsmError
-from tsmblocks.files import dumps, load, loads
+from tsmblocks.files import dumps, load, loads, save
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import MOST_BYTES
 
@@ -703,3 +703,44 @@ def test_blocks_with_any_values_are_loaded_or_refused(data):
     values = data.draw(st.dictionaries(st.sampled_from(fields or ["x"]), toml_values | sensible | st.lists(sensible)))
     block = {**values, "type": kind}
     answered(tomli_w.dumps({"format": 1, "blocks": {"b": block}, "values": {"a": 1}}).encode("utf-8", "replace"))
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("a = { use = 3 }", "block 'a': use must name a diagram, got 3."),
+        (
+            'a = { use = "motor_linear", set = 3 }',
+            "block 'a': set must be a table such as { \"drive.high\" = 12.0 }, got 3.",
+        ),
+        (
+            'a = { use = "motor_linear", set = { "motor.k" = 1.0 } }',
+            "block 'a': set: there is no parameter 'motor.k'. Did you mean 'motor.K'?",
+        ),
+        (
+            'a = { use = "motor_linear", set = { motor.K = [1.0] } }',
+            "block 'a': set: motor: MotorTransferFunction.K must be a number, got (1.0,). "
+            "It is: speed per volt at the output shaft [rad/(s*V)].",
+        ),
+        (
+            f'a = {{ type = "Constant", unit = "{"m" * 20_000}" }}',
+            "block 'a': Constant.unit is a text of 20,000 characters; at most 10,000 are read.",
+        ),
+    ],
+    ids=["name", "table", "parameter", "value", "text"],
+)
+def test_what_a_block_of_another_file_is_not(line, said):
+    text = f'format = 1\ntitle = "t"\n[blocks]\n{line}\n'
+    with pytest.raises(FileError) as caught:
+        loads(text, where="t.toml")
+    assert f"t.toml:4: {said}" in caught.value.problems
+
+
+def test_what_is_no_name_of_a_file_is_no_place_to_save():
+    with pytest.raises(FileError, match=r"a file is named by text or a path, got 3\."):
+        save(load("motor_linear"), 3)
+
+
+def test_what_python_itself_refuses_in_a_number():
+    with pytest.raises(FileError, match=r"t\.toml:2: a whole number has thousands of digits"):
+        loads(f"format = 1\nx = {'1' * 5000}\n", where="t.toml")
