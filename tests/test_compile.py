@@ -22,6 +22,7 @@ from tsmblocks.blocks import (
     Sine,
     StateSpace,
     Sum,
+    Tanh,
     TransferFunction,
     UnitDelay,
     ZeroOrderHold,
@@ -317,3 +318,18 @@ def test_a_loop_is_watched_where_its_gain_changes():
         blocks={**looped(Gain()).blocks, "p": Product(), "r": Ramp()},
     )
     assert compile_diagram(changing).watched.paths == (("s.y", "g.y", "p.y", "s.y"),)
+
+
+def test_a_loop_at_samples_only_is_solved_in_the_update():
+    diagram = Diagram(
+        title="sampled loop",
+        blocks={"s": Sum(), "z": ZeroOrderHold(period=0.1), "k": Tanh()},
+        inputs={"u": "s.plus"},
+        wires=["s -> z -> k -> s.minus"],
+        outputs={"y": "z"},
+    )
+    eq = compile_diagram(diagram)
+    assert [loop.function for loop in eq.loops] == ["update"]
+    assert eq.forms is not None
+    y = simulate(diagram, inputs={"u": lambda t: 1.0 + 0 * t}, stop=0.3, step=0.1)["y"]
+    assert y + np.tanh(y) == pytest.approx([1.0] * 4)

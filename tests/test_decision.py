@@ -167,3 +167,15 @@ def test_weights_of_the_ridge():
     ridge, null = ridge_weights(sizes, model)
     assert ridge.tolist() == [0.0, 1 / 4, 1 / 16, 1 / 4, 1.0]
     assert null.tolist() == [7.0, 0.5, 0.0, 3.0, 0.0]
+
+
+def test_a_loss_that_is_not_tenable_might_not_be_reached():
+    near = stand_in(2.0 + NOISE[1])
+    filtered = stand_in(1.0 + NOISE[1])
+    filtered = FittedCandidate(
+        filtered.candidate, filtered.model, filtered.losses, filtered.losses, filtered.loss, tenable=False
+    )
+    verdict = decide(BASE, [near, filtered], PART, 1.0, 0)
+    assert verdict.ranking == (near, filtered)
+    assert verdict.named is near
+    assert verdict.out_of_bounds_loss == np.inf
