@@ -16,6 +16,7 @@ from tsmblocks.common import errors
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError, NotFinite, TsmError, in_words, near, several
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.edits import near_path
 from tsmblocks.simulation.batch import simulate_batch
 from tsmblocks.simulation.simulate import simulate
 from tsmblocks.simulation.stability import StepWarning
@@ -224,3 +225,9 @@ def test_a_thousand_faults_are_not_all_printed():
     with pytest.raises(DiagramError) as caught:
         position_loop(wires=[f"ref{k} -> error.plus" for k in range(1000)])
     assert len(str(caught.value).splitlines()) <= 22
+
+
+def test_a_name_that_is_there_twice_is_offered_once():
+    known = ["controller.kp", "plant.k", "controller.kp"]
+    assert near_path("kp", known) == " Did you mean 'controller.kp'?"
+    assert near_path("regulator.kp", known) == " Did you mean 'controller.kp'?"

@@ -290,7 +290,7 @@ def _replaced(key: str, value: Any, leaf: str, old: Any) -> Any:
 
 def near_path(name: str, known: Iterable[str]) -> str:
     """Near misses of a dotted name; for one without a dot, the names that end in it come first."""
-    known = list(known)
+    known = list(dict.fromkeys(known))
     hint = near(name, known)
     tail = [k for k in known if k.rpartition(".")[2] == name.rpartition(".")[2]]
     if tail and ("." not in name or not hint.startswith(" Did you mean")):
