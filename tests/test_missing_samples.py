@@ -68,3 +68,37 @@ def test_scores_and_diagnoses_leave_them_out(record):
     assert found.verdict == "none"
     counted = tsm.Record("run", T, dict(record.signals), {})
     assert tsm.diagnose(LAG, counted, **options).verdict != "none"
+
+
+def noisy(gone):
+    """Noise of 0.02 on a slow signal that an input drives, with rests; some samples are straight lines."""
+    t = 0.01 * np.arange(4000)
+    u = np.sin(2 * np.pi * 0.5 * t + 0.05 * t**2) * (t % 20 < 12)
+    y = u + np.random.default_rng(4).normal(0.0, 0.02, len(t))
+    y = np.where(gone, np.interp(t, t[~gone], y[~gone]), y)
+    return t, u, y
+
+
+@pytest.mark.parametrize("kind", ["high frequencies", "stand-still", "repeats", "repeated periods"])
+def test_the_noise_floor_reads_no_samples_that_were_interpolated(kind):
+    """What was interpolated holds less noise, or none: the floor is that of the samples between."""
+    gone = np.arange(4000) % 40 >= 30
+    t, u, y = noisy(gone)
+    filled = {"y": gone}
+    units, draw = {"u": "rad", "y": "rad"}, np.random.default_rng(5)
+    wave = np.sin(2 * np.pi * 0.5 * t)
+    signals = {
+        "high frequencies": {"y": y},
+        "stand-still": {"u": u, "y": y},
+        "repeats": {"u": u, "y": y},
+        "repeated periods": {"u": wave, "y": y - u + wave},
+    }[kind]
+    records = [tsm.Record("gaps", t, signals, units, filled=filled)]
+    if kind == "repeats":
+        again = np.where(gone, y, u + draw.normal(0.0, 0.02, len(t)))
+        records.append(tsm.Record("again", t, {"u": u, "y": again}, units, filled=filled))
+    found = tsm.noise(records, "y", inputs=[k for k in signals if k != "y"])
+    assert found.method == kind
+    assert found.floor == pytest.approx(0.02, rel=0.06)
+    if kind == "high frequencies":
+        assert found.samples == 3000

@@ -13,7 +13,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError
 from tsmblocks.data.fast_noise import HIGH_FREQUENCIES, fast_level, sample_to_sample_noise
-from tsmblocks.data.noise_methods import Found, of_periods, of_repeats, of_rests
+from tsmblocks.data.noise_methods import Found, measured, of_periods, of_repeats, of_rests
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
 from tsmblocks.data.slow_noise import Level, level
@@ -137,11 +137,11 @@ def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[
     if not given:
         raise DataError("noise needs at least one record.")
     first = given[0]
-    x, unit = _samples(first, name), first.unit(name)
+    (t, x), unit = _samples(first, name), first.unit(name)
     drives = _driving_signals(first, name, inputs)
     found = [of_repeats(given, name)] if len(given) > 1 else []
     found += [of_periods(first, name, drives), of_rests(first, name, drives)]
-    fast = fast_level(first.t, x)
+    fast = fast_level(t, x)
     return _taken([f for f in found if f], fast, Noise(name, unit, 0.0, quantum_of(x), HIGH_FREQUENCIES, len(x), 0))
 
 
@@ -155,11 +155,12 @@ def noise_over_recordings(records: Mapping[str, Record], name: str, unit: str, i
     scaled = {k: r.factor(name, unit) for k, r in records.items()}
     found, fast, quanta = list[Found](), list[Level](), list[float]()
     for key, r in records.items():
-        x = _samples(r, name) * scaled[key]
+        t, x = _samples(r, name)
+        x = x * scaled[key]
         drives = driving or _driving_signals(r, name, None)
         own = [f for f in (of_periods(r, name, drives), of_rests(r, name, drives)) if f]
         found += [_times(f, scaled[key]) for f in own]
-        fast.append(fast_level(r.t, x))
+        fast.append(fast_level(t, x))
         quanta.append(quantum_of(x) or 0.0)
     for group in _repeating(list(records.values()), driving):
         try:
@@ -170,7 +171,7 @@ def noise_over_recordings(records: Mapping[str, Record], name: str, unit: str, i
     typical = sorted(fast, key=lambda one: one.floor)[(len(fast) - 1) // 2]
     median = float(np.median([one.floor for one in fast]))
     typical = attrs.evolve(typical, floor=median, low=min(typical.low, median))
-    samples = sum(len(r) for r in records.values())
+    samples = sum(len(measured(r, name)[0]) for r in records.values())
     start = Noise(name, unit, 0.0, float(np.median(quanta)) or None, HIGH_FREQUENCIES, samples, 0)
     return _taken(found, typical, start)
 
@@ -261,14 +262,16 @@ def _same_inputs(one: Record, other: Record, inputs: list[str]) -> bool:
 
 def fast_noise_of_recordings(records: Mapping[str, Record], name: str, unit: str) -> float:
     """The median over the recordings of what changes from sample to sample, rms in ``unit``: no slow noise is in it."""
-    floors = [sample_to_sample_noise(r.t, _samples(r, name)).floor * r.factor(name, unit) for r in records.values()]
+    floors = [sample_to_sample_noise(*_samples(r, name)).floor * r.factor(name, unit) for r in records.values()]
     return float(np.median(floors))
 
 
-def _samples(record: Record, name: str) -> np.ndarray:
-    if len(record) < MIN_NOISE_SAMPLES:
-        raise DataError(f"{record.called}: noise needs at least {MIN_NOISE_SAMPLES} samples, there are {len(record)}.")
-    return record[name]
+def _samples(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values that were measured. Raises DataError for too few."""
+    t, x = measured(record, name)
+    if len(t) < MIN_NOISE_SAMPLES:
+        raise DataError(f"{record.called}: noise needs at least {MIN_NOISE_SAMPLES} samples, there are {len(t)}.")
+    return t, x
 
 
 def is_coarse(quantum: float | None, floor: float) -> bool:

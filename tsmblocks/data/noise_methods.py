@@ -55,17 +55,30 @@ class Found:
         return round(self.records * sum(len(s.x) for s in self.stretches))
 
 
+def measured(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values of a signal, without samples that were interpolated: there is no noise of their own in them."""
+    there = _there(record, name)
+    return record.t[there], record[name][there]
+
+
+def _there(record: Record, name: str) -> np.ndarray:
+    """Which samples of a signal were measured."""
+    return ~np.asarray(record.filled.get(name, np.zeros(len(record), dtype=bool)))
+
+
 def of_repeats(records: list[Record], name: str) -> Found | None:
     """Differences between the records. Raises DataError where they differ too much to be repeats."""
     first = records[0]
     t, unit = first.t, first.unit(name)
-    rows = [first[name]]
+    rows, gone = [first[name]], ~_there(first, name)
     for other in records[1:]:
         own, x = other.t - other.t[0] + t[0], other.values(name, unit)
+        if name in other.filled:
+            gone |= np.interp(t, own, other.filled[name].astype(float)) > 0
         same = len(own) == len(t) and np.allclose(own, t, rtol=0, atol=1e-3 * first.step)
         rows.append(x if same else interpolation(own, x, "linear")(t))
     shortest = min(float(r.t[-1] - r.t[0]) for r in records)
-    kept = t - t[0] <= shortest + 1e-9 * first.step
+    kept = (t - t[0] <= shortest + 1e-9 * first.step) & ~gone
     table = np.stack([row[kept] for row in rows])
     off = table - table.mean(axis=0)
     size = float(np.std(table))
@@ -80,7 +93,7 @@ def of_repeats(records: list[Record], name: str) -> Found | None:
 
 
 def _fast(record: Record, name: str) -> float:
-    return sample_to_sample_noise(record.t, record[name]).floor
+    return sample_to_sample_noise(*measured(record, name)).floor
 
 
 def _judged(found: Found, fast: float) -> Found | None:
@@ -117,7 +130,7 @@ def of_periods(record: Record, name: str, drives: list[str]) -> Found | None:
 
 
 def _difference_stretch(record: Record, name: str, lag: float) -> Stretch:
-    _, off, gain = _differences(record.t, record[name], lag)
+    _, off, gain = _differences(record.t, record[name], lag, record.filled.get(name))
     return Stretch(off, record.step, lag, gain)
 
 
@@ -140,14 +153,21 @@ def _common_period(record: Record, drives: list[str], name: str) -> float | None
     return lag
 
 
-def _differences(t: np.ndarray, x: np.ndarray, lag: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _differences(
+    t: np.ndarray, x: np.ndarray, lag: float, filled: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Times, x a lag later less x, divided so that white noise keeps its rms value, and the gain of slow noise.
+
+    Differences that read a sample which was ``filled`` are left out.
 
     Between samples x is the cubic through the two on each side, which lessens white noise, and slow noise hardly.
     """
     later = t + lag
     k = np.searchsorted(t, later + 1e-6 * lag / len(t)) - 1  # the sample just before, or at, one period later
     kept = (k >= 1) & (k + 2 < len(t)) & (later <= t[-1])
+    if filled is not None:
+        read = np.clip(k[:, None] + np.arange(-1, 3), 0, len(t) - 1)
+        kept &= ~filled & ~filled[read].any(axis=1)
     k, later = k[kept], later[kept]
     places = k[:, None] + np.arange(-1, 3)
     w = polynomial_weights(t[places] - later[:, None])
@@ -164,8 +184,10 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     still = np.all([_resting(record[k]) for k in others], axis=0)
     rests = [(a, b) for a, b in stretches(still) if b - a >= MIN_STILL_SAMPLES]
     made, moving, fast = list[Stretch](), list[Stretch](), _fast(record, name)
+    there = _there(record, name)
     for a, b in rests:
-        rest = Stretch(record[name][a + (b - a) // 5 : b], record.step)  # the signal settles during the first fifth
+        late = slice(a + (b - a) // 5, b)  # the signal settles during the first fifth
+        rest = Stretch(record[name][late][there[late]], record.step)
         first, still = settled([rest], fast)
         (made if still else moving).append(rest.cut(first))
     found = Found("stand-still", tuple(made), float(record.t[-1] - record.t[0]))
