@@ -141,7 +141,7 @@ def _is_still(model: Reference, name: str) -> bool:
         if signal in seen or (block is not None and block.sampled):
             continue
         seen.add(signal)
-        if block is None or type(block).__name__ == "DeadTime":
+        if block is None or type(block).__name__ in ("DeadTime", "Recorded"):  # samples may lie within steps
             return False
         if type(block).__name__ == "Delay":
             left.append(flat.driver[signal[0], "u"])
