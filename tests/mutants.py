@@ -52,6 +52,14 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         DECISION,
         "INDISTINGUISHABLE_NOISE_SHARE * noise_variance -> INDISTINGUISHABLE_NOISE_SHARE / noise_variance",
     ): "of a candidate that is accepted, 20 % of what it removes are more than 1 % of the noise",
+    (
+        DECISION,
+        "before - one.loss >= SIMPLER_EFFECT_SHARE * removed -> before - one.loss > SIMPLER_EFFECT_SHARE * removed",
+    ): COMPUTED,
+    (
+        DECISION,
+        "min((away[side] for side in sides)) <= tolerance -> min((away[side] for side in sides)) < tolerance",
+    ): COMPUTED,
     (DECISION, "repr=False -> repr=True"): "how a value is shown decides nothing",
     (DECISION, "np.maximum(spread, 1e-12) -> np.maximum(spread, 2e-12)"): "both are far below any scatter",
 }

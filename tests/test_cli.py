@@ -226,7 +226,8 @@ def test_a_run_that_breaks_off_keeps_what_there_was(tsm, here):
     assert read(here / "g.csv").t[-1] == pytest.approx(1.0, abs=0.05)
 
 
-def test_a_step_that_is_too_long_is_warned_of(tsm):
+def test_a_step_that_is_too_long_is_warned_of(tsm, monkeypatch):
+    monkeypatch.setattr(sys, "warnoptions", [])  # as where nobody asks for other warnings
     _, _, err = tsm("run", "fig09a_without_feedforward", "--stop", 0.1, "--step", 0.01)
     assert "tsmblocks: warning: diagram 'Motor position loop" in err
     assert "too long for the fastest pole" in err
