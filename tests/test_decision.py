@@ -16,6 +16,7 @@ from tsmblocks.diagnosis.decision import (
     _concentrated,
     _is_indistinguishable,
     decide,
+    max_t_critical_value,
     ridge_weights,
     shrinkage_of,
 )
@@ -179,3 +180,16 @@ def test_a_loss_that_is_not_tenable_might_not_be_reached():
     assert verdict.ranking == (near, filtered)
     assert verdict.named is near
     assert verdict.out_of_bounds_loss == np.inf
+
+
+@pytest.mark.parametrize(("value", "at_bound"), [(0.4996, True), (0.4993, False)])
+def test_beside_a_bound_that_never_acts_the_value_itself_is_the_measure(value, at_bound):
+    one = stand_in(1.0 + NOISE[1])
+    item = one.model.problem.unknowns.items[0]
+    item.low, item.high, one.model.theta[0] = -1e12, 0.5, value
+    assert (one.at_bounds == ("p0",)) == at_bound
+
+
+def test_signs_are_plus_and_minus_one_alike():
+    """Of equal gains the t-statistics are those of a binomial: 36 of 60 give 1.568, 37 give 1.843; 95 % lies there."""
+    assert 1.56 < max_t_critical_value(np.ones((1, 60)), PART, 0) < 1.85
