@@ -52,9 +52,11 @@ from tsmblocks.diagnosis.partition import (
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.diagnosis.stand_in import stands_in
 from tsmblocks.diagnosis.summary import DiagnosedPart
 from tsmblocks.diagnosis.time_and_distance import only_frequency
 from tsmblocks.diagnosis.undetermined import without_undetermined
+from tsmblocks.diagnosis.varying_factor import varying_factor
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.fitting.recordings import Data
 from tsmblocks.model.diagram import Diagram
@@ -218,26 +220,22 @@ def _diagnosed(
     floors = noise_floors(compared, part.diagram, part.outputs, request.noise_floors)
     settings = settings.restricted_to(part.diagram, part.outputs, floors.sigma)
     settings = attrs.evolve(settings, hold=_holds(part, records, settings, notes))
-    rounds: list[SearchRound] = []
-    search: SearchContext | None = None
+    rounds, search, interrupted = list[SearchRound](), None, False
     try:
-        piece = _piece_length(part, records, settings, progress)
-        if piece is not None:
-            delay = total_delay(part.diagram)
-            records, windows = split_into_pieces(within_windows(records, settings.window), delay, piece)
-            raw, settings = split_into_pieces(compared, delay, piece)[0], attrs.evolve(settings, window=windows)
+        if (piece := _piece_length(part, records, settings, progress)) is not None:
+            records, raw, settings = _in_pieces(part, piece, records, compared, settings)
             notes.append(f"{part.name}: the plant integrates, so its simulation restarts every {piece:g} s.")
         base = _calibrated(part, records, settings, progress)
-        floors, more_notes = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
-        notes += [*floors.notes, *more_notes]
+        floors, lowered = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
+        notes += [*floors.notes, *lowered]
         if floors.sigma != settings.sigma:
             settings = attrs.evolve(settings, sigma=floors.sigma)
             base = _calibrated(part, records, settings, progress)
+        predicted = evidence(base, settings.seed)
         inputs = tuple(part.diagram.inputs) if request.condition else ()
-        input_noise, predicted = propagated_input_noise(base, raw, inputs, settings.seed), evidence(base, settings.seed)
-        noise = noise_level(floors, input_noise, predicted.rest)
-        blocks, line = time_blocks(base.problem), only_frequency(records, tuple(part.diagram.inputs))
+        noise = noise_level(floors, propagated_input_noise(base, raw, inputs, settings.seed), predicted.rest)
         removed = input_noise_rms(part.diagram, records, raw, inputs)
+        blocks, line = time_blocks(base.problem), only_frequency(records, tuple(part.diagram.inputs))
         search = SearchContext(records, settings, request.effects, blocks, noise, progress, line, removed)
         forward_search(base, {}, search, rounds)
         rounds = without_undetermined(exchange_effects(rounds, search), search)
@@ -247,12 +245,14 @@ def _diagnosed(
     except KeyboardInterrupt:
         if search is None or not rounds:
             raise
-        last = rounds[count := accepted_count(rounds, search)].base
-        left = predicted if last is base else evidence(last, search.settings.seed)
-        return DiagnosedPart(part, search, floors, rounds, count, last, predicted, left), True
+        interrupted, recurring, more_notes = True, [], []
+        final = rounds[count := accepted_count(rounds, search)].base
+    left, varying = evidence(final, settings.seed), varying_factor(final, settings.seed)
+    if not interrupted and stands_in(rounds, count, predicted, left, varying, search):
+        count, final, left, more_notes = 0, rounds[0].base, predicted, []
+        varying = varying_factor(final, settings.seed)
     notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes]]
-    left = predicted if final is base else evidence(final, search.settings.seed)
-    return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left), False
+    return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying), interrupted
 
 
 def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> Mapping[str, Record]:
@@ -293,6 +293,15 @@ def _piece_length(
         if model.mean_square <= MAX_GROWN_ERROR:
             return length
     return lengths[-1]
+
+
+def _in_pieces(
+    part: Part, length: float, records: Mapping[str, Record], raw: Mapping[str, Record], settings: ModelSettings
+) -> tuple[Mapping[str, Record], Mapping[str, Record], ModelSettings]:
+    """Recordings in pieces [s], with and without the noise of their inputs; settings with their windows."""
+    delay = total_delay(part.diagram)
+    pieces, windows = split_into_pieces(within_windows(records, settings.window), delay, length)
+    return pieces, split_into_pieces(raw, delay, length)[0], attrs.evolve(settings, window=windows)
 
 
 def _calibrated(

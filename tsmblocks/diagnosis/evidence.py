@@ -60,6 +60,11 @@ class Evidence:
     rest: float
 
     @property
+    def predicted(self) -> float:
+        """The mean square that is predicted."""
+        return self.rest * self.share / (1 - self.share) if 0 < self.share < 1 else 0.0
+
+    @property
     def significant(self) -> bool:
         """Whether the residual holds a model error."""
         return self.share > max(self.critical, 0.0)
@@ -77,7 +82,7 @@ def evidence(model: Model, seed: int) -> Evidence:
     predicted is held against that of surrogates of the residual.
     """
     draw = np.random.default_rng(seed)
-    motions = _distinct(_motions(model))
+    motions = distinct_motions(model)
     every = [_regression(model, output, motions, draw) for output in range(len(model.setup.outputs))]
     total = np.sum([squares for _, squares in every], axis=0)
     rest = np.sum([error for error, _ in every], axis=0)
@@ -147,8 +152,8 @@ def _held_out_error(gram: np.ndarray, moment: np.ndarray, squares: np.ndarray) -
 
 def _features(model: Model, motions: Motions) -> Iterator[list[np.ndarray]]:
     """Features of the motions, a list of columns (n,) for each experiment, the same ones in each."""
-    scales = {name: _scale(values) for name, values in motions.items()}
-    for k, t in enumerate(_joined([one.t for one in model.setup.experiments], model)):
+    scales = {name: scale(values) for name, values in motions.items()}
+    for k, t in enumerate(times(model)):
         signals = [_of_signal(t, values[k], *scales[name]) for name, values in motions.items()]
         yield [one for signal in signals for kind in signal for one in kind]
 
@@ -160,10 +165,10 @@ def _kinds(motions: Motions) -> np.ndarray:
     return np.array(of_signal * len(motions), dtype=int)
 
 
-def _distinct(motions: Motions) -> Motions:
-    """The signals that move, and are not proportional to one before them."""
+def distinct_motions(model: Model) -> Motions:
+    """Inputs and simulated outputs that move, without those that are proportional to one before them."""
     chosen: dict[str, Sequence[np.ndarray]] = {}
-    for name, values in motions.items():
+    for name, values in _motions(model).items():
         joined = np.concatenate(values)
         others = (np.concatenate(other) for other in chosen.values())
         if np.ptp(joined) > 2 * REST_HALF_RANGE and not any(_same(joined, other) for other in others):
@@ -185,6 +190,11 @@ def _motions(model: Model) -> Motions:
     return result
 
 
+def times(model: Model) -> list[np.ndarray]:
+    """Times [s] of the residual of one output, an array for each experiment."""
+    return _joined([one.t for one in model.setup.experiments], model)
+
+
 def _joined(values: list[np.ndarray], model: Model) -> list[np.ndarray]:
     """Arrays of pieces joined to those of experiments."""
     lengths = [len(rows) for rows in rows_of_experiments(model, 0).values()]
@@ -195,7 +205,7 @@ def _same(one: np.ndarray, other: np.ndarray) -> bool:
     return abs(float(np.corrcoef(one, other)[0, 1])) > SAME_SIGNAL
 
 
-def _scale(values: Sequence[np.ndarray]) -> tuple[float, float]:
+def scale(values: Sequence[np.ndarray]) -> tuple[float, float]:
     """Middle and half range of a signal over all experiments."""
     low, high = min(float(x.min()) for x in values), max(float(x.max()) for x in values)
     return (low + high) / 2, (high - low) / 2
@@ -203,15 +213,10 @@ def _scale(values: Sequence[np.ndarray]) -> tuple[float, float]:
 
 def _of_signal(t: np.ndarray, x: np.ndarray, middle: float, reach: float) -> list[list[np.ndarray]]:
     """Features of one signal in one experiment, a list for each of ``KINDS``."""
-    from scipy.ndimage import uniform_filter1d
     from scipy.signal import lfilter
 
     h = float(np.median(np.diff(t)))
-    width = max(3, int(SMOOTHING_TIME / h) | 1)
-    smooth = uniform_filter1d(x, width)
-    v = uniform_filter1d(np.gradient(smooth, h), width)
-    a = uniform_filter1d(np.gradient(v, h), width)
-    s, v, a = (smooth - middle) / reach, v / max(float(np.std(v)), 1e-300), a / max(float(np.std(a)), 1e-300)
+    s, v, a = derivatives(t, x, middle, reach)
     side = np.tanh(DIRECTION_STEEPNESS * v)
     shape, lags = [s, s**2, s**3, s**4, s**5], list[np.ndarray]()
     for k in range(1, RIPPLE_COUNT + 1):
@@ -226,6 +231,18 @@ def _of_signal(t: np.ndarray, x: np.ndarray, middle: float, reach: float) -> lis
         lags.append(np.concatenate([np.full(late, s[0]), s[:-late]]) - s)
         lags.append(lfilter([share], [1, share - 1], s, zi=[(1 - share) * s[0]])[0] - s)
     return [shape, rates, plays, lags]
+
+
+def derivatives(t: np.ndarray, x: np.ndarray, middle: float, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position [half ranges], speed and acceleration [their rms] of one signal in one experiment, smoothed."""
+    from scipy.ndimage import uniform_filter1d
+
+    h = float(np.median(np.diff(t)))
+    width = max(3, int(SMOOTHING_TIME / h) | 1)
+    smooth = uniform_filter1d(x, width)
+    v = uniform_filter1d(np.gradient(smooth, h), width)
+    a = uniform_filter1d(np.gradient(v, h), width)
+    return (smooth - middle) / reach, v / max(float(np.std(v)), 1e-300), a / max(float(np.std(a)), 1e-300)
 
 
 def _play(x: np.ndarray, half_width: float) -> np.ndarray:

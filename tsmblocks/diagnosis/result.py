@@ -170,7 +170,9 @@ class Segment:
     coordinates predict. ``fit`` is the last model as ``tsm.fit`` would return it. ``predictable`` are the shares of the
     residual of the base, and of the last model, that are predicted on held-out data from what was recorded;
     ``complete`` is False where the last model leaves more than noise, ``irregular`` True where that is no function of
-    what was recorded. ``largest_noise`` is the largest rms noise of each output that is plausible.
+    what was recorded; ``varies_with`` is the coordinate to which it is proportional by a factor that varies,
+    if it is.
+    ``largest_noise`` is the largest rms noise of each output that is plausible.
     """
 
     name: str
@@ -190,6 +192,7 @@ class Segment:
     fit: Fit | None = attrs.field(default=None, repr=False)
     complete: bool = True
     irregular: bool = False
+    varies_with: str = ""
     predictable: tuple[float, float] = (0.0, 0.0)
     largest_noise: Mapping[str, float] = attrs.field(factory=dict)
 
@@ -411,6 +414,7 @@ def _segment(s: Segment) -> dict[str, Any]:
         "verdict": s.verdict,
         "complete": s.complete,
         "irregular": s.irregular,
+        "varies_with": s.varies_with,
         "predictable": {"before": s.predictable[0], "after": s.predictable[1]},
         "largest_noise": s.largest_noise,
         "excess": s.excess,

@@ -29,6 +29,7 @@ from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
 from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
 from tsmblocks.diagnosis.time_and_distance import second_frequency
+from tsmblocks.diagnosis.varying_factor import VaryingFactor
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
 from tsmblocks.effects import Effect
 from tsmblocks.fitting.experiments import Experiment
@@ -57,6 +58,8 @@ class DiagnosedPart:
     """What is predicted of the base's residual."""
     left: Evidence
     """What is predicted of the final model's residual."""
+    varying: VaryingFactor | None = None
+    """The coordinate to which the final model's residual is proportional by a factor that varies."""
 
     @property
     def blocks(self) -> TimeBlocks:
@@ -76,7 +79,19 @@ class DiagnosedPart:
     @property
     def is_irregular(self) -> bool:
         """Whether the last model leaves more than noise may be, and no function of what was recorded."""
-        return self.losses[-1] > (1 + UNKNOWN_EXCESS) * self.largest_noise and not self.leaves_predictable
+        large = self.losses[-1] > (1 + UNKNOWN_EXCESS) * self.largest_noise or self.varies
+        return large and not self.leaves_predictable
+
+    @property
+    def varies(self) -> bool:
+        """Whether what the last model leaves is proportional to the motion by a factor that varies, materially."""
+        return self.varying is not None and self.varying.material and not self._is_within_given_noise
+
+    @property
+    def _is_within_given_noise(self) -> bool:
+        """Whether the last model leaves no more than the noise that the user gave."""
+        noise = self.search.noise
+        return noise.is_given and self.losses[-1] <= (1 + UNKNOWN_EXCESS) * noise.low
 
     @property
     def largest_noise(self) -> float:
@@ -87,11 +102,9 @@ class DiagnosedPart:
     @property
     def leaves_predictable(self) -> bool:
         """Whether what the last model leaves is predicted, and material beside the noise."""
-        noise = self.search.noise
-        if noise.is_given and self.losses[-1] <= (1 + UNKNOWN_EXCESS) * noise.low:
+        if self._is_within_given_noise:
             return False
-        predicted = self.final.mean_square - self.left.rest
-        material = self.left.material and predicted >= MIN_PREDICTED_EXCESS * noise.low
+        material = self.left.material and self.left.predicted >= MIN_PREDICTED_EXCESS * self.search.noise.low
         return material or self.rejected_share > 0
 
     @property
@@ -140,6 +153,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         as_fit(diagnosed.final),
         complete=not remains,
         irregular=diagnosed.is_irregular,
+        varies_with=diagnosed.varying.words if diagnosed.varying is not None and diagnosed.varies else "",
         predictable=(
             max(diagnosed.predicted.share, diagnosed.rejected_share, 0.0),
             max(diagnosed.left.share, diagnosed.rejected_share, 0.0),

@@ -45,6 +45,8 @@ def verdict_sentence(segment: Segment) -> str:
 
 def _shape(segment: Segment) -> str:
     """What predicts the residual, and how much of it."""
+    if segment.varies_with:
+        return f"The residual is in proportion to {segment.varies_with}."
     if segment.irregular:
         return "The residual is irregular: nothing that was recorded predicts it, and it is too large for noise."
     along = "; ".join(w.words for w in segment.where)
@@ -74,6 +76,12 @@ def next_steps(segment: Segment) -> list[str]:
         return [*alone, *([repeat, *([] if given else [floor])] if _slow_noise(segment) else [])]
     if segment.complete:
         return []
+    if segment.varies_with:
+        return [
+            *alone,
+            f"Find what else changes over that time: the residual is in proportion to {segment.varies_with}. Record "
+            "what may cause it (a temperature, a preload, a supply), or repeat one motion without a pause.",
+        ]
     if segment.irregular:
         return [
             *alone,
