@@ -34,6 +34,7 @@ SPENT: Counter[str] = Counter()
 def pytest_configure(config):
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         TRACED.stop()
+        TRACED.save()  # what plugins import; its workers import that before they come here
         config.pluginmanager.unregister(name=__name__)  # it runs no tests itself
         return
     signal.signal(signal.SIGPROF, lambda *_: TRACED.stop())

@@ -163,17 +163,15 @@ def open_xlsx(path: Path, columns: Sequence[str] | None, group: str | None = Non
     except ImportError:
         _refuse_without(path, "Excel", "openpyxl", "excel")
     try:
-        with zipfile.ZipFile(path) as archive:
-            size = sum(one.file_size for one in archive.infolist())
-        refuse_too_large(XML_BYTES * size, f"{path}: reading it")
-        book = load_workbook(path, read_only=True, data_only=True)
-        try:
+        with path.open("rb") as file:  # openpyxl leaves a damaged one open
+            with zipfile.ZipFile(file) as archive:
+                size = sum(one.file_size for one in archive.infolist())
+            refuse_too_large(XML_BYTES * size, f"{path}: reading it")
+            book = load_workbook(file, read_only=True, data_only=True)
             if group is not None and group not in book.sheetnames:
                 raise DataError(f"{path}: there is no sheet '{group}'.{near(group, book.sheetnames)}")
             sheet = book[group] if group else book.worksheets[0]
             rows = _sheet_rows(path, sheet)
-        finally:
-            book.close()
     except DataError:
         raise
     except Exception as error:  # openpyxl and zipfile raise errors of any kind on a damaged file
