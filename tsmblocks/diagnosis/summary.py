@@ -74,7 +74,10 @@ class DiagnosedPart:
     @property
     def noise_variance(self) -> float:
         """Mean square of the noise [output noise variances]."""
-        return attained_noise(self.rounds[: self.count + 1], self.search)
+        noise = attained_noise(self.rounds[: self.count + 1], self.search)
+        if self.varying is None or not self.varies:
+            return noise
+        return min(noise, (1 - self.varying.share) * self.losses[-1])  # the rest of it is a model error
 
     @property
     def is_irregular(self) -> bool:
