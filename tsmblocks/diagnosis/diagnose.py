@@ -247,7 +247,8 @@ def _diagnosed(
             raise
         interrupted, recurring, more_notes = True, [], []
         final = rounds[count := accepted_count(rounds, search)].base
-    left, varying = evidence(final, settings.seed), varying_factor(final, settings.seed)
+    left = predicted if final is base else evidence(final, settings.seed)
+    varying = varying_factor(final, settings.seed)
     if not interrupted and stands_in(rounds, count, predicted, left, varying, search):
         count, final, left, more_notes = 0, rounds[0].base, predicted, []
         varying = varying_factor(final, settings.seed)

@@ -72,7 +72,12 @@ class Evidence:
     @property
     def material(self) -> bool:
         """Whether it is significant, and large enough to be of interest."""
-        return self.significant and self.share >= MIN_PREDICTED_EXCESS * (1 - self.share)
+        return self.significant and is_material(self.share)
+
+
+def is_material(share: float) -> bool:
+    """Whether a share of a mean square is large enough beside the rest to be of interest."""
+    return share >= MIN_PREDICTED_EXCESS * (1 - share)
 
 
 def evidence(model: Model, seed: int) -> Evidence:

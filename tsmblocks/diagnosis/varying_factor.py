@@ -13,10 +13,10 @@ import numpy as np
 
 from tsmblocks.diagnosis.evidence import (
     DRAWS,
-    MIN_PREDICTED_EXCESS,
     SIGNIFICANCE_LEVEL,
     derivatives,
     distinct_motions,
+    is_material,
     scale,
     times,
 )
@@ -57,7 +57,7 @@ class VaryingFactor:
     @property
     def material(self) -> bool:
         """Whether it is significant, and large enough to be of interest."""
-        return self.significant and self.share >= MIN_PREDICTED_EXCESS * (1 - self.share)
+        return self.significant and is_material(self.share)
 
     @property
     def words(self) -> str:
@@ -76,11 +76,12 @@ def varying_factor(model: Model, seed: int) -> VaryingFactor | None:
     draw, t = np.random.default_rng(seed), times(model)
     counts = [max(1, round(LONGEST_WINDOWS * (x[-1] - x[0]) / max(y[-1] - y[0] for y in t))) for x in t]
     found: list[tuple[str, str, int, np.ndarray]] = []
+    coordinates = list(_coordinates(model, t))
     for output in range(len(model.setup.outputs)):
         residuals = [model.r[rows] for rows in rows_of_experiments(model, output).values()]
         rolls = [np.column_stack([r, rolled(r, DRAWS, draw)]) for r in residuals]
         total = sum(float(r @ r) for r in residuals)
-        for signal, coordinate, values in _coordinates(model, t):
+        for signal, coordinate, values in coordinates:
             every = [_explained(r, x, n, draw) for r, x, n in zip(rolls, values, counts, strict=True)]
             shares = np.sum(every, axis=0) / max(total, 1e-300)
             found += [(signal, coordinate, halving, own) for halving, own in enumerate(shares)]
