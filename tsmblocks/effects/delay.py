@@ -23,6 +23,11 @@ MODE_SHARE = 0.02
 MIN_SWINGS = 3.0
 """Periods of a mode in the shortest experiment, at least. Chosen: of fewer, the initial swing alone draws any slow
 error."""
+FASTEST_MODE = 1.2
+"""Fastest trial natural frequency [rad per sampling step], and its bound 1.5 times that. Chosen: a third and more than
+half of the Nyquist frequency; up to the bound RK4 at the sampling step is stable."""
+FREQUENCY_RATIO = 1.4
+"""Ratio of neighbouring trial natural frequencies, at most. Chosen: modes of a damping ratio of 0.3 overlap."""
 NO_PEAK = 0.5**0.5
 """Damping ratio from which a mode has no peak and is no resonance. Source: |1 / (1 - r^2 + 2 i zeta r)| over r."""
 COARSE_SAMPLING = 0.05
@@ -48,9 +53,10 @@ def _trial_times(name: str, scales: Scales, most: float) -> Trials:
 
 def _frequencies(scales: Scales) -> tuple[list[float], list[float], float, float]:
     """Trial natural frequencies [rad/s]: lines of the residual, and a grid; the slowest and the fastest considered."""
-    slowest, fastest = 2 * math.pi * MIN_SWINGS / scales.shortest, 0.35 / scales.step
+    slowest, fastest = 2 * math.pi * MIN_SWINGS / scales.shortest, FASTEST_MODE / scales.step
     first = slowest * 4 / MIN_SWINGS
-    grid = [first * (fastest / first) ** (k / 8) for k in range(9)]
+    count = max(1, math.ceil(abs(math.log(fastest / first)) / math.log(FREQUENCY_RATIO)))
+    grid = [first * (fastest / first) ** (k / count) for k in range(count + 1)]
     lines = [2 * math.pi * f for f in scales.lines if slowest < 2 * math.pi * f < fastest]
     return lines[:4], grid, slowest, fastest
 
@@ -144,20 +150,23 @@ RATE_DEPENDENCE = Effect(
     variant="output",
     within=("exponent",),
 )
+BASE_EXCITED = attrs.evolve(
+    RESONANCE,
+    words="a resonance whose damper moves with its base",
+    free=("share", "omega", "zeta", "feed"),
+    trials=_base_excited_trials,
+    variant="base-excited",
+)
 EFFECTS = (
     DEAD_TIME,
     # Behind a linear model the same but for the start: there it repeats its first value, here the first command.
     in_front(DEAD_TIME, "a dead time in front of the model"),
     LAG,
+    in_front(LAG, "a first-order lag in front of the model"),
     attrs.evolve(LAG, words="two first-order lags in a row", block=TWO_LAGS, variant="twice"),
     RESONANCE,
-    attrs.evolve(
-        RESONANCE,
-        words="a resonance whose damper moves with its base",
-        free=("share", "omega", "zeta", "feed"),
-        trials=_base_excited_trials,
-        variant="base-excited",
-    ),
+    BASE_EXCITED,
+    in_front(BASE_EXCITED, "a resonance in front of the model"),
     attrs.evolve(
         RESONANCE,
         words="a further mode beside the model (a linear model of higher order)",

@@ -65,11 +65,12 @@ def _broad_creep_trials(scales: Scales) -> Trials | None:
 
 
 def _periodic_trials(scales: Scales) -> Trials | None:
-    if not scales.lines:
-        return None
-    size, frequencies = 0.01 * (scales.wire.reach or 1.0), tuple({"frequency": f} for f in scales.lines)
     # A hum at half of the sampling rate is clear of the upper bound.
-    bounds = {"frequency": (LEAST_PERIODS / _duration(scales), 0.51 / scales.step)}
+    slowest, fastest = LEAST_PERIODS / _duration(scales), 0.51 / scales.step
+    frequencies = tuple({"frequency": f} for f in scales.lines if slowest <= f <= fastest)
+    if not frequencies:
+        return None
+    size, bounds = 0.01 * (scales.wire.reach or 1.0), {"frequency": (slowest, fastest)}
     return Trials({"cosine": size, "sine": size}, frequencies, _time_origin(scales), bounds)
 
 
