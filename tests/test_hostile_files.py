@@ -2,6 +2,7 @@
 
 # ruff: noqa: E501 - messages stand here as they are shown
 
+import inspect
 import os
 import random
 import re
@@ -13,10 +14,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tsmblocks.blocks import Gain
 from tsmblocks.common.errors import MOST_PROBLEMS, DiagramError, FileError, TsmError
-from tsmblocks.files import dumps, load, loads, save
+from tsmblocks.files import dumps, load, loads, positions, save, toml_text
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import MOST_BYTES
+from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, parameter
+from tsmblocks.model.diagram import Diagram, Inlet
 
 SLOW_NEEDS = ["files"]
 HANGS = 120
@@ -744,3 +748,103 @@ def test_what_is_no_name_of_a_file_is_no_place_to_save():
 def test_what_python_itself_refuses_in_a_number():
     with pytest.raises(FileError, match=r"t\.toml:2: a whole number has thousands of digits"):
         loads(f"format = 1\nx = {'1' * 5000}\n", where="t.toml")
+
+
+def test_wires_of_a_block_that_could_not_be_read_are_no_faults_and_are_shown_by_its_name():
+    blocks = '[blocks]\na = { type = "Nope" }\nb = { type = "Gain" }\nc = { type = "Sine" }\n'
+    problems, _ = refused(f'format = 1\nwires = ["c -> b", "b -> a", "c -> a"]\n{blocks}')
+    assert [p.partition("Known")[0] for p in problems] == ["loop.toml:4: block 'a': there is no block type 'Nope'. "]
+    problems, _ = refused(f'format = 1\nwires = ["a -> b", "c -> b"]\n{blocks}')
+    assert problems[0] == "loop.toml:2: b.u is driven 2 times: a -> b.u; c.y -> b.u. Join them with a Sum block."
+
+
+def test_a_name_too_long_for_the_system_is_said():
+    problems, _ = refused(f'format = 1\n[blocks]\na = {{ use = "{"a" * 300}" }}\n')
+    assert problems == [f"loop.toml:3: block 'a': use = '{'a' * 99}…' cannot be read: file name too long."]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('"a\\x" = 1\n', "1: this is not TOML: unescaped '\\' in a string (column 5: \"a\\x\" = 1)."),
+        ("a = 1\na.b = 2\n", "2: this is not TOML: cannot overwrite a value (column 8: a.b = 2)."),
+    ],
+    ids=["escape", "overwritten"],
+)
+def test_what_toml_refuses_is_said_with_its_line(text, said):
+    assert refused(text)[0] == [f"loop.toml:{said}"]
+
+
+def test_a_fault_that_tomllib_gives_no_place_is_said(monkeypatch):
+    def fail(text):
+        raise toml_text.tomllib.TOMLDecodeError("something else")
+
+    monkeypatch.setattr(toml_text.tomllib, "loads", fail)
+    assert refused("format = 1\n")[0] == ["loop.toml:1: this is not TOML: something else."]
+
+
+def test_keys_without_end_are_read_no_further(monkeypatch):
+    monkeypatch.setattr(positions, "MOST_KEYS", 3)
+    said = ["loop.toml:4: the file holds more than 3 keys and texts; it is not read further."]
+    assert refused("a = 1\nb = 1\nc = 1\nd = 1\ne = 1\n")[0] == said
+
+
+def test_a_caller_deep_in_its_stack_gets_a_message():
+    nested = f"format = 1\nx = {'[' * 150}{']' * 150}\n[blocks]\n"
+
+    def refused_below(calls):
+        return refused_below(calls - 1) if calls else refused(nested)[0][0]
+
+    refused_below(0)
+    room = sys.getrecursionlimit() - len(inspect.stack(0))
+    said = {refused_below(room - left) for left in range(100, room, 25)}
+    assert said == {
+        "loop.toml: tables stand inside each other too deep.",
+        "loop.toml:2: 'x' is not a key of a diagram. Known here: blocks, inputs, outputs, source, title, values, wires.",
+        "loop.toml: brackets stand inside each other too deep.",
+    }
+
+
+class Careless(Block):
+    """A block of which the author did not foresee all values."""
+
+    gain: float = parameter(default=1.0, about="factor")
+    u = Input("any signal")
+    y = Output("the signal")
+
+    def check(self):
+        """Check the numbers."""
+        assert isinstance(self.gain, str) or 1 / (self.gain - 3)
+
+    def outputs(self, t, x, u):
+        return {"y": self.gain * u.u}
+
+
+def test_values_that_the_author_of_a_block_did_not_foresee_are_said(tmp_path, monkeypatch):
+    monkeypatch.setitem(REGISTRY, "Careless", block(Careless, register=False))
+    said = "loop.toml:3: block 'a': Careless cannot be made of these values: float division by zero."
+    assert refused('format = 1\n[blocks]\na = { type = "Careless", gain = 3.0 }\n')[0] == [said]
+    (tmp_path / "part.toml").write_text(
+        'format = 1\n[blocks]\na = { type = "Careless" }\n[inputs]\nu = "a"\n[outputs]\ny = "a"\n'
+    )
+    whole = 'format = 1\n[blocks]\np = { use = "part", set = { "a.gain" = 3.0 } }\n'
+    assert refused(whole, folder=tmp_path)[0] == ["loop.toml:3: block 'p': set: float division by zero"]
+    problems, _ = refused('format = 1\n[blocks]\na = { type = "Careless", gain = "$k" }\n[values]\nk = 3.0\n')
+    assert problems == ["loop.toml: the blocks cannot be put together: float division by zero"]
+
+
+@pytest.mark.parametrize("unit", [3, ["rad"]])
+def test_a_unit_is_text(unit):
+    with pytest.raises(DiagramError, match=re.escape(f"input 'u': a unit must be text such as 'rad/s', got {unit}.")):
+        Diagram(blocks={"g": Gain()}, inputs={"u": Inlet(["g"], unit=unit)})
+
+
+def test_what_a_file_cannot_hold_is_said_in_characters_that_can_be_shown():
+    unwritable = Diagram(title="a\ud800", blocks={"g": Gain()}, inputs={"u": Inlet(["g"], about=3)})
+    with pytest.raises(FileError) as caught:
+        dumps(unwritable)
+    assert str(caught.value).encode().decode() == (
+        "diagram 'a\\ud800' has 2 problems:\n"
+        "  1. title is 'a\\ud800', with half a character in it, which a file cannot hold.\n"
+        "  2. u.about is 3, which a file cannot hold."
+    )

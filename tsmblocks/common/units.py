@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import NamedTuple
 
-from tsmblocks.common.errors import TsmError, near
+from tsmblocks.common.errors import TsmError, in_words, near
 
 Dimension = tuple[tuple[str, int], ...]
 
@@ -119,12 +119,19 @@ class UnitError(TsmError):
     """A label that is not a unit, or two units that do not convert."""
 
 
-@cache
 def parse(label: str) -> Unit:
     """Parse ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``. Raises UnitError with the near miss.
 
     ``N/m*s`` is refused, since it can mean ``N/(m*s)`` and ``N*s/m``.
     """
+    if not isinstance(label, str):
+        raise UnitError(f"a unit must be text such as 'rad/s', got {in_words(label)}.")
+    return _parsed(label)
+
+
+@cache
+def _parsed(label: str) -> Unit:
+    """As ``parse``, of a text."""
     factor, powers = 1.0, dict[str, int]()
     for word, sign in _words(label):
         name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")

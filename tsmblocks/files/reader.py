@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import date, time
-from itertools import count
+from itertools import count, repeat
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -261,28 +261,28 @@ class _Sections:
         return values
 
 
-class _AnyPort(Mapping[str, Any]):
-    """A mapping with every port; the default port is another one each time, so it never has two drivers."""
+class _AnyPort:
+    """Ports of every name, and a default port.
 
-    _fresh = count()
+    The default output has an empty name, so that it is shown as the block; the default input is another one each time,
+    so that it never has two drivers.
+    """
+
+    def __init__(self, default_names: Iterator[str]) -> None:
+        self._default_names = default_names
 
     def __contains__(self, name: object) -> bool:
-        return True
+        return name != ""
 
-    def __getitem__(self, name: str) -> Input:
-        return Input("a port of a block that could not be read")
-
-    def __iter__(self) -> Iterator[str]:
-        return iter([f"?{next(self._fresh)}"])
-
-    def __len__(self) -> int:
-        return 1
+    def items(self) -> list[tuple[str, Input]]:
+        """The default port."""
+        return [(next(self._default_names), Input("a port of a block that could not be read"))]
 
 
 class UnreadableBlock:
     """Replaces a block that could not be read: it has every port."""
 
-    inports = outports = _AnyPort()
+    inports, outports = _AnyPort(f"?{k}" for k in count()), _AnyPort(repeat(""))
 
 
 def _refusal(value: Any) -> str:

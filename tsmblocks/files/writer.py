@@ -35,7 +35,8 @@ def text_of(diagram: Diagram) -> str:
     """The text of a diagram file; raises FileError with everything that a file cannot hold."""
     writer = _Writer()
     lines = [f"format = {FORMAT}", *writer.body(diagram, ""), *_simulation(diagram.simulation)]
-    owner = f"diagram '{clip(str(diagram.title))}'"
+    title = clip(str(diagram.title)).encode(errors="backslashreplace").decode()  # half a character cannot be shown
+    owner = f"diagram '{title}'"
     if writer.problems:
         raise FileError(owner, writer.problems)
     text = "\n".join(lines) + "\n"

@@ -64,7 +64,7 @@ class Link:
     def __str__(self) -> str:
         if not self.target[0]:
             return f"output {self.target[1]}"
-        source = ".".join(self.source) if self.source[0] else f"input {self.source[1]}"
+        source = ".".join(filter(None, self.source)) if self.source[0] else f"input {self.source[1]}"
         return f"{source} -> {'.'.join(self.target)}"
 
 
