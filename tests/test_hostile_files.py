@@ -14,12 +14,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tsmblocks.blocks import Gain
-from tsmblocks.common.errors import MOST_PROBLEMS, DiagramError, FileError, TsmError
+from tsmblocks.blocks import Gain, Random
+from tsmblocks.common.errors import MOST_PROBLEMS, DiagramError, FileError, ParameterError, TsmError
 from tsmblocks.files import dumps, load, loads, positions, save, toml_text
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import MOST_BYTES
-from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, parameter
+from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, option, parameter
 from tsmblocks.model.diagram import Diagram, Inlet
 
 SLOW_NEEDS = ["files"]
@@ -727,11 +727,16 @@ def test_blocks_with_any_values_are_loaded_or_refused(data):
             "It is: speed per volt at the output shaft [rad/(s*V)].",
         ),
         (
+            'a = { use = "motor_linear", set = { motor.K = "$k" } }',
+            f"block 'a': set: {shipped_folder() / 'motor_linear.toml'}:6: motor: '$k' refers to a number that is not in "
+            "values. There are none.",
+        ),
+        (
             f'a = {{ type = "Constant", unit = "{"m" * 20_000}" }}',
             "block 'a': Constant.unit is a text of 20,000 characters; at most 10,000 are read.",
         ),
     ],
-    ids=["name", "table", "parameter", "value", "text"],
+    ids=["name", "table", "parameter", "value", "reference", "text"],
 )
 def test_what_a_block_of_another_file_is_not(line, said):
     text = f'format = 1\ntitle = "t"\n[blocks]\n{line}\n'
@@ -848,3 +853,39 @@ def test_what_a_file_cannot_hold_is_said_in_characters_that_can_be_shown():
         "  1. title is 'a\\ud800', with half a character in it, which a file cannot hold.\n"
         "  2. u.about is 3, which a file cannot hold."
     )
+
+
+@block(register=False)
+class Opened(Block):
+    """A block with options of which the items have any type."""
+
+    items: tuple = option(default=(), about="anything")
+    u = Input("any signal")
+    y = Output("the signal")
+
+    def outputs(self, t, x, u):
+        return {"y": u.u}
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"items": (float("nan"),)}, "b.items is nan, which a file cannot hold."),
+        ({"items": (None,)}, "b.items is None, which a file cannot hold."),
+    ],
+    ids=["nan", "none"],
+)
+def test_options_that_a_file_would_not_give_back_are_not_written(options, said, monkeypatch):
+    monkeypatch.setitem(REGISTRY, "Opened", Opened)
+    with pytest.raises(FileError) as caught:
+        dumps(Diagram(blocks={"b": Opened(**options)}, inputs={"u": "b"}))
+    assert caught.value.problems == (said,)
+
+
+@pytest.mark.parametrize("seed", [2**53 + 1, -(2**60)])
+def test_a_whole_number_that_would_be_rounded_is_refused(seed):
+    with pytest.raises(
+        ParameterError, match=r"^Random\.seed (is \d.*, a whole number too large to be held exactly|must)"
+    ):
+        Random(seed=seed)
+    assert Random(seed=2**53 - 1).seed == 2**53 - 1

@@ -227,6 +227,4 @@ def toml(value: Any) -> str:
         value = float(value)
     elif not isinstance(value, int):
         raise _Unwritable(f"is {in_words(value)}")
-    elif abs(value) > 2**53:
-        value = float(value)
     return tomli_w.dumps({"k": value})[4:-1]

@@ -323,6 +323,9 @@ def state(*, default: float, about: str, unit: str = "") -> Any:
     return _field(default, Field("state", about, unit))
 
 
+MOST_EXACT = 2**53
+"""Whole numbers from which a double does not hold each."""
+
 # ---- values -----------------------------------------------------------------------------------
 
 
@@ -384,6 +387,8 @@ def _fault(name: str, field: Field, value: Any) -> str:
     wanted = type(field.default)
     if wanted is int:
         whole = isinstance(value, float) and value.is_integer() and field.allows(value)
+        if whole and abs(value) >= MOST_EXACT:
+            return f"{name} is {in_words(value)}, a whole number too large to be held exactly."
         return "" if whole else f"{name} must be a whole number in {field.bounds()}, got {in_words(value)}."
     if field.kind == "option" and wanted is not float:
         words = {str: "text", bool: "true or false", tuple: "a list"}.get(wanted, "")

@@ -166,7 +166,10 @@ def _against_others(made: Drawn, diagram: Any, found: dict[str, np.ndarray], way
     close = IMPLICIT_CLOSE if made.method in IMPLICIT else CLOSE
 
     def compare(
-        ways: str, other: Callable[[], Mapping[str, np.ndarray]], expected: Mapping[str, np.ndarray] = found
+        ways: str,
+        other: Callable[[], Mapping[str, np.ndarray]],
+        expected: Mapping[str, np.ndarray] = found,
+        close: float = close,
     ) -> None:
         """Compare with another way, unless rounding is amplified."""
         given = other()
@@ -181,7 +184,7 @@ def _against_others(made: Drawn, diagram: Any, found: dict[str, np.ndarray], way
     again = loads(dumps(diagram))
     if again != diagram or dumps(again) != dumps(diagram):
         raise Disagreement("file", "the diagram", np.inf)
-    differ("file against diagram", signals_of(tsm.simulate(again, **options(made)), made), found, FILE_CLOSE)
+    compare("file against diagram", lambda: signals_of(tsm.simulate(again, **options(made)), made), close=FILE_CLOSE)
     if "nested" in ways:
         shown = {f"{n}.{p}": np.asarray(v) for (n, p), v in _nested_signals(made, nested(made)).items()}
         compare("nested against flat", lambda: shown, {k: found[k] for k in shown})
