@@ -81,6 +81,7 @@ BACKLASH = NamedEffect(
     ("hysteresis",),
     "two amplitudes, minor loops, or an odd multisine",
     "diagram.insert('backlash', …, after='offset.y')",
+    {"gap width": Quantity(1.0 * DEG, 0.96 * DEG, 1.04 * DEG, "rad")},
 )
 GAP = Gap(
     "x_out",
@@ -93,7 +94,16 @@ GAP = Gap(
 )
 WHERE = (ResidualCoordinate("direction", 0.9, "the error has one sign forwards and the other backwards"),)
 LIMITS = (
-    DetectionLimit("backlash", "half_width", 0.02 * DEG, "rad", "reversals at two amplitudes or more"),
+    DetectionLimit(
+        "backlash",
+        "half_width",
+        0.02 * DEG,
+        "rad",
+        "reversals at two amplitudes or more",
+        "gap width",
+        0.04 * DEG,
+        "rad",
+    ),
     DetectionLimit("drift", "rate", 1e-5, "", "a long session on one clock"),
     DetectionLimit("coulomb_friction", "friction.level", None, "", "reversals of the motion"),
 )

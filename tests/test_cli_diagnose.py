@@ -55,9 +55,7 @@ def test_the_text_begins_with_what_was_found(run):
     status, out, err = run(*BASE, *FEW)
     assert (status, err) == (0, "")
     assert out.startswith(
-        "Tendon sheath: a gain and an offset: 2 experiments\n\n"
-        "NAMED. Unmodelled effect between x_in and x_out: a backlash gap (backlash on\n"
-        "offset.y -> x_out, half_width 1."
+        "NAMED. Unmodelled effect between x_in and x_out: a backlash gap (backlash on\noffset.y -> x_out, gap width 3."
     )
     assert "wrote" not in out
 

@@ -133,7 +133,7 @@ def test_what_is_in_no_catalogue_is_not_given_a_name():
     said = found("outside")
     assert said.verdict == "unknown"
     assert said.effects == ()
-    assert "that no block of the catalogue explains" in said.sentence
+    assert f"that none of the {len(said.worst.effects_tried)} effects tried explains" in said.sentence
 
 
 @pytest.mark.parametrize("more", [{"effects": SOME}, pytest.param({}, marks=pytest.mark.slow)])

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
-from tests.diagnoses import BACKLASH, DEG, NAMED, NOISE, NONE, NOTES, UNKNOWN, diagnosis, ranked, trace
+from tests.diagnoses import BACKLASH, DEG, LIMITS, NAMED, NOISE, NONE, NOTES, UNKNOWN, diagnosis, ranked, trace
 from tests.pages import Page
 from tsmblocks.blocks import Gain, Play
 from tsmblocks.common.errors import TsmError
@@ -29,12 +29,12 @@ from tsmblocks.html.report_files import written
 
 CSS = style("page.css")
 TOLD = """\
-Tendon sheath: a gain and an offset: 2 experiments
-
 NAMED. Unmodelled effect between x_in and x_out: a backlash gap (backlash on
-offset.y -> x_out, half_width 0.500 ± 0.020 deg). With it, the error of x_out on
+offset.y -> x_out, gap width 1.000 ± 0.040 deg). With it, the error of x_out on
 held-out data falls from 0.520 to 0.104 deg rms (noise floor 0.100), by 98 % of
 the error above the noise floor. Also possible: hysteresis.
+
+Tendon sheath: a gain and an offset: 2 experiments
 
 held-out rms of x_out [deg]  before  + backlash  fit before  fit after
 all                           0.520       0.104       0.500      0.100
@@ -61,6 +61,9 @@ new exp.: the same with whole experiments held out; < 0 %: the error grows. t:
 t-statistic of the reduction; (in brackets) its critical value (95 %).
 
 backlash (backlash):
+  gap width  1.000 ± 0.040 deg
+
+backlash (backlash), parameters of its block:
   half_width  0.500 ± 0.020 deg
 
 changes to the diagram:
@@ -100,7 +103,7 @@ indistinguishable effects:
   them: two amplitudes, minor loops, or an odd multisine.
 
 smallest detectable sizes:
-  backlash  half_width 0.02 deg
+  backlash  gap width 0.04 deg
   drift     rate 1e-05
 
 not detectable at any size, since these experiments do not excite them or the
@@ -128,8 +131,8 @@ def test_a_diagnosis_is_told_in_this_order():
 
 def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
     assert verdict_text.verdict_sentence(UNKNOWN) == (
-        "Unmodelled effect between x_in and x_out that no block of the catalogue explains: the best removes 24 % of the "
-        "error above the noise floor. Of the residual's mean square, 90 % is predicted from the recorded signals on "
+        "Unmodelled effect between x_in and x_out that the one effect tried does not explain: the best removes 24 % of "
+        "the error above the noise floor. Of the residual's mean square, 90 % is predicted from the recorded signals on "
         "held-out data: the error has one sign forwards and the other backwards. The error of x_out on held-out data "
         "is 0.520 deg rms, its noise floor 0.100."
     )
@@ -177,8 +180,8 @@ def test_two_effects_of_one_name_are_told_by_their_blocks():
     second = attrs.evolve(BACKLASH, block="backlash_2", wire="backlash.y -> x_out", also_possible=())
     found = verdict_text.verdict_sentence(attrs.evolve(NAMED, effects=(BACKLASH, second)))
     assert found.startswith(
-        "Unmodelled effects between x_in and x_out: a backlash gap (backlash on offset.y -> x_out, half_width 0.500 ± "
-        "0.020 deg) and a backlash gap (backlash as block backlash_2 on backlash.y -> x_out, half_width 0.500 ± 0.020 "
+        "Unmodelled effects between x_in and x_out: a backlash gap (backlash on offset.y -> x_out, gap width 1.000 ± "
+        "0.040 deg) and a backlash gap (backlash as block backlash_2 on backlash.y -> x_out, gap width 1.000 ± 0.040 "
         "deg). With them, the error"
     )
 
@@ -209,9 +212,13 @@ def test_what_is_left_after_all_that_was_named_is_told():
     left = attrs.evolve(NAMED.gaps[0], held_out=(0.52 * DEG, 0.17 * DEG))
     more = attrs.evolve(NAMED, gaps=(left,), complete=False, predictable=(0.9, 0.4))
     predicted = "though the recorded signals predict 40 % of its mean square."
-    words = f"That is still 1.7 times the noise floor: a residual that no effect of the catalogue explains, {predicted}"
+    words = (
+        f"That is still 1.7 times the noise floor: a residual that none of the 4 effects tried explains, {predicted}"
+    )
     assert words in verdict_text.verdict_sentence(more)
-    assert verdict_text.verdict_sentence(more).startswith("Incomplete: ")
+    assert verdict_text.verdict_sentence(more).startswith(
+        "More is missing than what is named. Unmodelled effect between"
+    )
     first = tuple(r for r in NAMED.ranking if r.round == 1)
     assert f"a residual that was not examined further, {predicted}" in verdict_text.verdict_sentence(
         attrs.evolve(more, ranking=first)
@@ -400,8 +407,8 @@ def test_a_page_has_its_parts_in_this_order():
         "Notes",
     ]
     assert Page(page(EVERY["none"])).heads == [
-        "Error before and after",
-        "Where model and data disagree",
+        "Error and noise floor",
+        "Model and data",
         "Candidate effects",
         "The diagram",
         "In a script",
@@ -414,8 +421,8 @@ def test_a_page_has_its_parts_in_this_order():
 def test_the_page_begins_with_the_verdict():
     text = page(diagnosis())
     body = text[text.index("<body>") :]
-    assert body.index("half_width") < body.index("<svg") < body.index("Candidate effects")
-    assert '<div class="verdict named"><p><b class="word">Found.</b> Unmodelled effect between x_in and x_out' in body
+    assert body.index("gap width") < body.index("<svg") < body.index("Candidate effects")
+    assert '<div class="verdict named"><p><b class="word">Named.</b> Unmodelled effect between x_in and x_out' in body
 
 
 def test_the_page_says_what_it_rests_on():
@@ -436,10 +443,40 @@ def test_the_page_says_what_it_rests_on():
 def test_nothing_is_drawn_of_a_model_that_there_is_not():
     same = tuple(attrs.evolve(one, after=one.before) for one in NAMED.traces)
     text = page(diagnosis(attrs.evolve(NONE, traces=same)))
-    assert 'class="line before"' in text
-    assert 'class="line after' not in text
-    assert 'class="fill after"' not in text
+    assert 'class="line after"' in text
+    assert 'class="line before' not in text
+    assert 'class="fill before"' not in text
     assert "with the reported effects" not in text
+    words = re.sub(r"<[^>]*>", " ", text[text.index("<body>") :]).split()
+    assert "before" not in words[: words.index("Candidate")]
+
+
+def test_the_verdict_is_in_the_same_words_everywhere():
+    incomplete = attrs.evolve(NAMED, complete=False, predictable=(0.9, 0.4))
+    for segment, word in ((NAMED, "Named"), (incomplete, "Named, incomplete"), (UNKNOWN, "Unknown"), (NONE, "None")):
+        made = diagnosis(segment)
+        assert str(made).startswith(f"{word.upper()}. ")
+        assert f'<b class="word">{word}.</b>' in page(made)
+        assert f'<b class="word">{word}.</b>' in made._repr_html_()
+        assert made.verdict == word.partition(",")[0].lower()
+        assert "NAMED" not in str(made) or segment.effects
+
+
+def test_how_many_effects_were_tried_is_said_and_the_others_are_a_next_step():
+    from tsmblocks.effects import catalogue
+
+    alone = attrs.evolve(NAMED, effects=(attrs.evolve(BACKLASH, also_possible=()),))
+    assert "Also possible: none of the 3 other effects tried." in verdict_text.verdict_sentence(alone)
+    few = attrs.evolve(alone, ranking=alone.ranking[:2])
+    assert "Also possible: not the one other effect tried." in verdict_text.verdict_sentence(few)
+    one = attrs.evolve(alone, ranking=alone.ranking[:1])
+    assert "Also possible: no other effect was tried." in verdict_text.verdict_sentence(one)
+    assert diagnosis(NAMED).to_dict()["effects_tried"] == 4
+    count = len({e.name for e in catalogue()} - {m.name for m in LIMITS} - {"dead_time"})
+    assert f"Try the other {count} effects of the catalogue as well" in verdict_text.next_steps(UNKNOWN)[0]
+    every = tuple(attrs.evolve(LIMITS[0], name=e.name) for e in catalogue())
+    assert not any("Try the other" in step for step in verdict_text.next_steps(attrs.evolve(UNKNOWN, limits=every)))
+    assert verdict_text.next_steps(attrs.evolve(UNKNOWN, limits=every))
 
 
 def test_what_was_added_is_highlighted_in_the_second_diagram():

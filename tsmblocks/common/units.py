@@ -207,7 +207,7 @@ def _sorted(powers: dict[str, int]) -> Dimension:
     return tuple(sorted(powers.items()))
 
 
-DISPLAY_UNITS = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2"}
+DISPLAY_UNITS = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2", "rad/min": "deg/min"}
 """Unit -> unit in which it is displayed."""
 
 

@@ -16,13 +16,12 @@ from tsmblocks.demo.paper import DIAGRAMS, Case
 from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story
 from tsmblocks.diagnosis.presentation import by_excess, digits, output_traces, profile, with_interval
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagnosis.verdict_text import verdict_sentence, worst_gap
+from tsmblocks.diagnosis.verdict_text import verdict_sentence, verdict_word, worst_gap
 from tsmblocks.draw import to_svg
 from tsmblocks.files import load
 from tsmblocks.html import charts, figures
 from tsmblocks.html.charts import LEFT, RIGHT, Frame
 from tsmblocks.html.pages import part, rendered
-from tsmblocks.html.report import WORDS
 from tsmblocks.simulation.run import Run
 
 POINTS = 600
@@ -42,7 +41,7 @@ def page(cases: Sequence[Case], story: Story) -> str:
     values = dict(
         title="tsmblocks: from measurements to the missing effect, and to better control",
         diagnosis=diagnosis,
-        in_one_line=f"{WORDS[diagnosis.verdict]}{': ' + effects if effects else ''}.",
+        in_one_line=f"{verdict_word(diagnosis.worst)}{': ' + effects if effects else ''}.",
         errors=[digits(one.error.peak_to_peak) for one in ends],
         paper=_paper(cases),
         floor=digits(FLOOR / DEG),
@@ -95,15 +94,15 @@ def _recordings(story: Story) -> list[Markup]:
 
 
 def _diagnosed(diagnosis: Diagnosis) -> list[Markup]:
-    segment = diagnosis.worst
+    segment, quiet = diagnosis.worst, diagnosis.verdict == "none"
     gap = worst_gap(segment)
     worst = by_excess(output_traces(segment, gap.output))[0]
     along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate, diagnosis.base))]
     return [
         figures.gap_bars(segment, gap),
-        *(figures.residual_over_coordinate(one, explained=bool(diagnosis.effects)) for one in along),
-        figures.signals_chart(worst, POINTS),
-        figures.residual_chart(worst, gap.noise_floor, POINTS),
+        *(figures.residual_over_coordinate(one, explained=bool(diagnosis.effects), quiet=quiet) for one in along),
+        figures.signals_chart(worst, POINTS, quiet=quiet),
+        figures.residual_chart(worst, gap.noise_floor, POINTS, quiet=quiet),
     ]
 
 

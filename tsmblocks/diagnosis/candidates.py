@@ -41,6 +41,8 @@ class Candidate:
     block: str
     diagram: Diagram
     trials: Trials
+    scales: Scales | None = None
+    """The scales of the signals it acts on, in which its sizes are reported; None where these are not needed."""
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -186,14 +188,15 @@ def candidates(
         for point in points:
             if (point.place, point.adds) != (effect.place, effect.adds) or (pieces and effect.local):
                 continue
-            trials = _trials(effect, wires.scales(point))
+            scales = wires.scales(point)
+            trials = _trials(effect, scales)
             if trials is None:
                 continue
             effect.accepts(trials)
             name = unique_names([*base.blocks, effect.name])[-1]
             edited = _with_effect(base, name, effect, point, trials, orders)
             if edited is not None:
-                found.append(Candidate(effect, point, name, edited, trials))
+                found.append(Candidate(effect, point, name, edited, trials, scales))
     return found
 
 
@@ -212,13 +215,14 @@ def replacement_candidates(model: Model, wires: WireSignals, points: Sequence[Re
     base, orders = model.fitted_diagram, _available_orders(model)
     moving = [p for p in points if _moves(wires.span(p.signal)) and _moves(wires.span(p.other))]
     for effect, point in replacements(base, moving, wires.scales):
-        trials = effect.trials(wires.scales(point))
+        scales = wires.scales(point)
+        trials = effect.trials(scales)
         if trials is None:
             continue
         effect.accepts(trials)
         edited = _with_effect(base, point.replaced, effect, point, trials, orders)
         if edited is not None:
-            found.append(Candidate(effect, point, point.replaced, edited, trials))
+            found.append(Candidate(effect, point, point.replaced, edited, trials, scales))
     return found
 
 

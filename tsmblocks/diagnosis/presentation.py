@@ -17,6 +17,8 @@ from tsmblocks.model.diagram import Diagram
 
 MIN_BIN_BLOCKS = 3
 """Time blocks of a bin from which the standard error of its mean is estimated. Chosen."""
+MAX_SIZES = 2
+"""Sizes of an effect that a sentence reports. Chosen: all of them are in the tables."""
 DARKEST = 4.0
 """Excess, in variances of the noise, at which a block of a strip is as dark as it gets. Chosen."""
 
@@ -60,6 +62,28 @@ def main_parameter(effect: NamedEffect, segment: Segment) -> str:
     name, _, experiment = main.partition("@")
     same = [one for one in known if one.partition("@")[0] == name]
     return max(same, key=lambda one: abs(known[one].value)) if experiment else main
+
+
+def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
+    """The size of an effect in words, in terms that a person would measure: ``gap width 3.01 ± 0.02 deg``.
+
+    At most ``MAX_SIZES``. Where each experiment has a value of its own, the largest one; of an effect that defines no
+    sizes its main parameter.
+    """
+    if not effect.sizes:
+        main = main_parameter(effect, segment)
+        name, _, experiment = main.partition("@")
+        return [_with_name(name.rpartition(".")[2], effect.parameters[main], experiment)] if main else []
+    found: dict[str, tuple[Quantity, str]] = {}
+    for key, quantity in effect.sizes.items():
+        name, _, experiment = key.partition("@")
+        if name not in found or abs(quantity.value) > abs(found[name][0].value):
+            found[name] = (quantity, experiment)
+    return [_with_name(name, *one) for name, one in list(found.items())[:MAX_SIZES]]
+
+
+def _with_name(name: str, q: Quantity, experiment: str) -> str:
+    return f"{name} {with_interval(q)}" + (f" in {experiment}, where it is largest" if experiment else "")
 
 
 def output_traces(segment: Segment, output: str) -> tuple[Trace, ...]:

@@ -41,6 +41,8 @@ class NamedEffect:
     floor that it removes on held-out blocks, with the effects before it in the model; ``across`` the same with whole
     experiments held out (None with a single one). ``also_possible`` are effects indistinguishable from it with these
     data, and ``separating_experiment`` is one that separates them. ``code`` is the line that adds the block.
+    ``sizes`` are what a person would measure of it (an amplitude, a gap, a frequency), derived from ``parameters``, the
+    most telling first; empty for an effect that defines none.
     """
 
     name: str
@@ -55,6 +57,7 @@ class NamedEffect:
     also_possible: tuple[str, ...]
     separating_experiment: str
     code: str
+    sizes: Mapping[str, Quantity] = attrs.field(factory=dict)
 
 
 @attrs.frozen
@@ -117,13 +120,20 @@ class ResidualCoordinate:
 
 @attrs.frozen
 class DetectionLimit:
-    """The smallest detectable size of an effect in these experiments; None where they do not excite it."""
+    """The smallest detectable size of an effect in these experiments; None where they do not excite it.
+
+    ``value`` is that of ``parameter``; ``size`` [``size_unit``] the same as the quantity ``size_name`` that a person
+    would measure, where the effect defines one that is in proportion to it.
+    """
 
     name: str
     parameter: str
     value: float | None
     unit: str
     excites: str
+    size_name: str = ""
+    size: float = 0.0
+    size_unit: str = ""
 
 
 @attrs.frozen
@@ -197,6 +207,11 @@ class Segment:
     largest_noise: Mapping[str, float] = attrs.field(factory=dict)
 
     @property
+    def effects_tried(self) -> tuple[str, ...]:
+        """Names of the effects that had an admissible signal and that these data excite."""
+        return tuple(dict.fromkeys(r.name for r in self.ranking))
+
+    @property
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the parameters of the last model, as a fit of it would give."""
         return () if self.fit is None else tuple(cautions(attrs.evolve(self.fit, notes=())))
@@ -215,8 +230,8 @@ class Diagnosis:
     seed : int
         Seed of the random parts.
     verdict : {"named", "unknown", "none"}
-        ``"named"`` where effects were named, ``"unknown"`` where the residual is above the noise floor and no block of
-        the catalogue explains it, ``"none"`` where no unmodelled effect is detectable.
+        ``"named"`` where effects were named, ``"unknown"`` where the residual is above the noise floor and none of the
+        effects tried explains it, ``"none"`` where no unmodelled effect is detectable.
     sentence : str
         The verdict in words.
     effects : tuple of NamedEffect
@@ -307,6 +322,7 @@ class Diagnosis:
             "sentence": self.sentence,
             "status": self.status,
             "effects": [_named_values(e, EFFECT_KEYS) for e in self.effects],
+            "effects_tried": len({name for s in self.segments for name in s.effects_tried}),
             "gap": _json_value(_gap(self.worst.gaps[0])),
             "where": _json_value(self.worst.where),
             "ranking": self._ranking,
@@ -420,16 +436,19 @@ def _segment(s: Segment) -> dict[str, Any]:
         "excess": s.excess,
         "sentence": s.sentence,
         "effects": [e.name for e in s.effects],
+        "effects_tried": len(s.effects_tried),
         "numbers": [] if s.fit is None else [e.to_dict() for e in s.fit],
         "cautions": s.cautions,
         "ceiling": s.ceiling,
         "gaps": [_gap(g) for g in s.gaps],
         "where": s.where,
-        "detection_limits": {
-            m.name: None if m.value is None else {"parameter": m.parameter, "value": m.value, "unit": m.unit}
-            for m in s.limits
-        },
+        "detection_limits": {m.name: None if m.value is None else _limit(m) for m in s.limits},
     }
+
+
+def _limit(m: DetectionLimit) -> dict[str, Any]:
+    size = {"size": {"name": m.size_name, "value": m.size, "unit": m.size_unit}} if m.size_name else {}
+    return {"parameter": m.parameter, "value": m.value, "unit": m.unit, **size}
 
 
 def _named_values(record: Any, keys: Mapping[str, str]) -> dict[str, Any]:

@@ -11,7 +11,6 @@ import numpy as np
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.cross_validation import TimeBlocks, held_out_residuals
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss, ridge_weights, shrinkage_of
-from tsmblocks.diagnosis.determined import held_directions, redundant_parameters
 from tsmblocks.diagnosis.discrimination import separating_experiment
 from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence
 from tsmblocks.diagnosis.forward_selection import (
@@ -25,15 +24,15 @@ from tsmblocks.diagnosis.forward_selection import (
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import NoiseFloors
 from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram, rows_of_experiments
+from tsmblocks.diagnosis.quantities import Estimate, detectable_size
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
-from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
+from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, RankedCandidate, Segment, Trace
 from tsmblocks.diagnosis.time_and_distance import second_frequency
 from tsmblocks.diagnosis.varying_factor import VaryingFactor
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
 from tsmblocks.effects import Effect
 from tsmblocks.fitting.experiments import Experiment
-from tsmblocks.fitting.statistics import intervals, uncertainty
 from tsmblocks.model.diagram import Diagram
 
 UNKNOWN_EXCESS = 0.2
@@ -145,7 +144,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         verdict,
         float(excess),
         {k: v * np.sqrt(diagnosed.search.noise_variance) for k, v in diagnosed.floors.sigma.items()},
-        tuple(_named(diagnosed, k, losses, whole_diagram) for k in range(diagnosed.count)),
+        _effects(diagnosed, losses, whole_diagram),
         tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs))),
         residual_coordinates(base.r, known, blocks, excess_variance),
         _ranking(diagnosed),
@@ -176,8 +175,18 @@ def _held_out(diagnosed: DiagnosedPart) -> list[np.ndarray]:
     return result
 
 
-def _named(diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diagram: Diagram) -> NamedEffect:
-    """One effect, with its parameters in the final model."""
+def _effects(diagnosed: DiagnosedPart, losses: Sequence[float], whole_diagram: Diagram) -> tuple[NamedEffect, ...]:
+    """The effects, in the order in which they were accepted."""
+    if not diagnosed.count:
+        return ()
+    estimate = Estimate.of(diagnosed.models)
+    return tuple(_named(diagnosed, k, losses, whole_diagram, estimate) for k in range(diagnosed.count))
+
+
+def _named(
+    diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diagram: Diagram, estimate: Estimate
+) -> NamedEffect:
+    """One effect, with its parameters and sizes in the final model."""
     indistinguishable, candidate = diagnosed.rounds[k].indistinguishable, diagnosed.named[k].candidate
     effect, point = candidate.effect, in_whole_diagram(candidate.point, diagnosed.part)
     across = None
@@ -194,13 +203,14 @@ def _named(diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diag
         diagnosed.part.name,
         point.words(_with_effects(diagnosed, k, whole_diagram)),
         candidate.block,
-        _quantities(diagnosed.models, candidate.block, candidate.free),
+        estimate.parameters(candidate),
         float(np.clip(_share_removed(losses, k, diagnosed.noise_variance), 0.0, 1.0)),
         across,
         tuple(name for name in also if name != effect.name),
         second_frequency(effect.name, also, diagnosed.search.only_frequency)
         or separating_experiment(same, indistinguishable, diagnosed.search.records, diagnosed.search.settings),
         point.code(candidate.block, effect.block),
+        estimate.sizes(candidate),
     )
 
 
@@ -221,24 +231,6 @@ def _with_effects(diagnosed: DiagnosedPart, k: int, whole_diagram: Diagram) -> D
 def _has_several_experiments(diagnosed: DiagnosedPart) -> bool:
     """Whether there is more than one experiment, so that whole ones can be held out."""
     return len({experiment_of(t.name) for t in diagnosed.models[0].setup.experiments}) > 1
-
-
-def _quantities(models: Sequence[Model], block: str, free: Sequence[str]) -> dict[str, Quantity]:
-    """The parameters of an effect with confidence intervals that allow for autocorrelated residuals.
-
-    ``models`` are those with no effect (first) to all of them (last); what is redundant in the first is held.
-    Parameters with a value in each experiment come last.
-    """
-    model = models[-1]
-    held = held_directions(model, redundant_parameters(models[0]))
-    estimate = uncertainty(model.J, model.r, model.problem.segments, held=held if len(held) else None)
-    low, high = intervals(model.theta, estimate.covariance, estimate.freedom)
-    every = zip(model.problem.unknowns.items, model.theta, low, high, strict=True)
-    return {
-        item.name.removeprefix(f"{block}."): Quantity(float(value), float(below), float(above), item.unit)
-        for item, value, below, above in sorted(every, key=lambda one: bool(one[0].experiment))
-        if item.parameter in free
-    }
 
 
 def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
@@ -349,7 +341,8 @@ def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
         unit = next((i.unit for i in p.problem.unknowns.items if i.parameter == f"{p.candidate.block}.{parameter}"), "")
         old = found.get(effect.name)
         if old is None or (old.value is None and limit is not None):
-            found[effect.name] = DetectionLimit(effect.name, parameter, limit, unit, effect.excites)
+            size = ("", 0.0, "") if limit is None else detectable_size(p.candidate, parameter, limit)
+            found[effect.name] = DetectionLimit(effect.name, parameter, limit, unit, effect.excites, *size)
     for one in diagnosed.search.effects:
         found.setdefault(one.name, DetectionLimit(one.name, one.free[0], None, "", one.excites))
     order: dict[str, int] = {}

@@ -20,7 +20,7 @@ from tsmblocks.diagnosis.presentation import (
 )
 from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, RankedCandidate, Segment
 from tsmblocks.diagnosis.script import script_lines
-from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence
+from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence, verdict_word
 from tsmblocks.fitting.text import estimate_rows
 
 MAX_NAME_LENGTH, MAX_HEADING_LENGTH = 28, 14
@@ -38,10 +38,11 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     """The whole diagnosis as a terminal shows it."""
     n = len(diagnosis.experiments)
     head = f"{diagnosis.diagram or 'diagram'}: {n} experiment{'s' if n > 1 else ''}"
-    parts = [textwrap.fill(head, WIDTH)]
+    parts = []
     for segment in segments_by_verdict(diagnosis):
-        parts.append(_filled(f"{segment.verdict.upper()}. {verdict_sentence(segment)}"))
+        parts.append(_filled(f"{verdict_word(segment).upper()}. {verdict_sentence(segment)}"))
         parts += _bullets("next", next_steps(segment))
+    parts.append(textwrap.fill(head, WIDTH))
     several = len(diagnosis.segments) > 1
     for segment in diagnosis.segments:
         parts += [f"== {segment.name} =="] if several else []
@@ -140,8 +141,12 @@ def share_across_experiments(one: RankedCandidate, experiments: int) -> float:
 def _added(diagnosis: Diagnosis) -> list[str]:
     parts = []
     for effect in diagnosis.effects:
+        sizes = [[name, with_interval(q)] for name, q in effect.sizes.items()]
         rows = [[name, with_interval(q)] for name, q in effect.parameters.items()]
-        parts.append(f"{effect.block} ({effect.name}):\n{columns(rows, '  ', left=(0, 1))}")
+        titled = [("", sizes), (", parameters of its block", rows)] if sizes else [("", rows)]
+        parts += [
+            f"{effect.block} ({effect.name}){title}:\n{columns(some, '  ', left=(0, 1))}" for title, some in titled
+        ]
     if parts:
         lines = [f"{sign} {text}" for sign, text in difference(diagnosis.base, diagnosis.augmented).lines]
         parts.append("\n".join(["changes to the diagram:", *lines]))
@@ -190,9 +195,11 @@ def _indistinguishable(segment: Segment) -> list[str]:
 
 
 def limit_text(one: DetectionLimit) -> str:
-    """The smallest detectable size, with its parameter; empty where the effect is not excited."""
+    """The smallest detectable size, with its name; empty where the effect is not excited."""
     if one.value is None:
         return ""
+    if one.size_name:
+        return f"{one.size_name} {in_display_units(one.size, one.size_unit)}"
     return f"{one.parameter.rpartition('.')[2]} {in_display_units(abs(one.value), one.unit)}"
 
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
-from tsmblocks.diagnosis.presentation import digits, display_unit, main_parameter, output_traces, with_interval
+from tsmblocks.diagnosis.presentation import digits, display_unit, main_sizes, output_traces
 from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, Segment
+from tsmblocks.effects import catalogue
 from tsmblocks.fitting.input_checks import runs_ahead
 
 WEAK_EXCESS = 0.05
@@ -29,18 +30,38 @@ def verdict_sentence(segment: Segment) -> str:
         named = [f"{e.words} ({_size(e, segment)})" for e in segment.effects]
         effects = f"Unmodelled effect{'s' if len(named) > 1 else ''}"
         also = sorted({name for e in segment.effects for name in e.also_possible})
-        possible = f"Also possible: {listed(also, 9) if also else 'no other effect of the catalogue'}."
-        first = "" if segment.complete else "Incomplete: more is missing than what is named. "
+        possible = f"Also possible: {listed(also, 9) if also else _no_other(segment)}."
+        first = "" if segment.complete else "More is missing than what is named. "
         return f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
     if segment.verdict == "unknown":
         best = max((r.share for r in segment.ranking if r.fitted and r.round == 1), default=0.0)
         return (
-            f"Unmodelled effect {between} that no block of the catalogue explains: the best removes "
+            f"Unmodelled effect {between} that {_none_tried(segment)}: the best removes "
             f"{percent(max(best, 0.0))} of the error above the noise floor. {_shape(segment)} {_error(segment)}{ahead}"
         )
     weak = " There is a weak excess, too small to be named with these data." if segment.excess > WEAK_EXCESS else ""
     none = f"No unmodelled effect {between} is detectable with these data."
     return f"{none} {_error(segment)}{_slow_noise(segment) or weak}{_implausible_floor(segment)}"
+
+
+def verdict_word(segment: Segment) -> str:
+    """The verdict on a segment in a word or two: the same on a terminal, on pages and in files."""
+    more = ", incomplete" if segment.verdict == "named" and not segment.complete else ""
+    return f"{segment.verdict.capitalize()}{more}"
+
+
+def _no_other(segment: Segment) -> str:
+    """That nothing else explains the residual as well, with the number of effects that could have."""
+    count = len(set(segment.effects_tried) - {e.name for e in segment.effects})
+    if count > 1:
+        return f"none of the {count} other effects tried"
+    return "not the one other effect tried" if count else "no other effect was tried"
+
+
+def _none_tried(segment: Segment) -> str:
+    """That no effect explains a residual, with the number of those tried."""
+    count = len(segment.effects_tried)
+    return f"none of the {count} effects tried explains" if count > 1 else "the one effect tried does not explain"
 
 
 def _shape(segment: Segment) -> str:
@@ -91,10 +112,19 @@ def next_steps(segment: Segment) -> list[str]:
         ]
     return [
         *alone,
+        *_others_to_try(segment),
         "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare.",
         "Record more of the motion along which the error is predicted; it then shows its shape.",
         "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
     ]
+
+
+def _others_to_try(segment: Segment) -> list[str]:
+    """The effects of the catalogue that were not asked for."""
+    others = {one.name for one in catalogue()} - {m.name for m in segment.limits} - set(segment.effects_tried)
+    if not others or not segment.limits:
+        return []
+    return [f"Try the other {len(others)} effects of the catalogue as well: leave out effects (--effects)."]
 
 
 def _odd_experiments(segment: Segment) -> list[str]:
@@ -130,12 +160,8 @@ def _ahead(segment: Segment) -> str:
 
 
 def _size(effect: NamedEffect, segment: Segment) -> str:
-    main = main_parameter(effect, segment)
-    name, _, experiment = main.partition("@")
-    size = f", {name.rpartition('.')[2]} {with_interval(effect.parameters[main])}" if main else ""
-    size += f" in {experiment}, where it is largest" if experiment else ""
     block = "" if effect.block == effect.name else f" as block {effect.block}"
-    return f"{effect.name}{block} on {effect.wire.strip()}{size}"
+    return ", ".join([f"{effect.name}{block} on {effect.wire.strip()}", *main_sizes(effect, segment)])
 
 
 def worst_gap(segment: Segment) -> Gap:
@@ -164,7 +190,7 @@ def _remaining(segment: Segment, gap: Gap) -> str:
     if segment.complete:
         return f"{still}, which may be slow noise: nothing that was recorded predicts it."
     searched = any(r.round > len(segment.effects) for r in segment.ranking)
-    why = "that no effect of the catalogue explains" if searched else "that was not examined further"
+    why = f"that {_none_tried(segment)}" if searched else "that was not examined further"
     share = percent(segment.predictable[1])
     known = "" if segment.irregular else f", though the recorded signals predict {share} of its mean square"
     return f"{still}: a residual {why}{known}."

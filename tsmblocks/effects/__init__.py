@@ -3,6 +3,7 @@
 from tsmblocks.effects.catalogue import catalogue, register, registered, relatives
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.relative import REPLACED, Relative, Replacement, replacement
+from tsmblocks.effects.sizes import Size
 from tsmblocks.effects.trials import Scales, Span, Trials, span_of
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "Relative",
     "Replacement",
     "Scales",
+    "Size",
     "Span",
     "Trials",
     "catalogue",

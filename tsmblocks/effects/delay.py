@@ -8,6 +8,7 @@ import attrs
 
 from tsmblocks.blocks import DeadTime, Lag, ParallelResonance, RateDependence, Resonance
 from tsmblocks.effects.effect import Effect, across, in_front
+from tsmblocks.effects.sizes import MILLISECONDS, PERCENT, Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.diagram import Diagram
 
@@ -94,6 +95,10 @@ def _rate_dependence_trials(scales: Scales) -> Trials | None:
     return Trials({"coefficient": size}, exponents, fixed, {"exponent": (0.25, 3.0)})
 
 
+FREQUENCY = Size("natural frequency", lambda p, _: p["omega"] / (2 * math.pi), "Hz")
+DAMPING = in_proportion("damping ratio", "zeta", "")
+TIME_CONSTANT = in_proportion("time constant", "time_constant", "ms", MILLISECONDS)
+TIME_CONSTANT_OF_EACH = attrs.evolve(TIME_CONSTANT, name="time constant of each")
 DEAD_TIME = Effect(
     "dead_time",
     "delay",
@@ -106,6 +111,7 @@ DEAD_TIME = Effect(
     excites="fast motion, at more than one frequency",
     confused=("first_order_lag", "resonance", "rate_dependence"),
     separates="a chirp to the highest frequency the drive can follow",
+    sizes=(in_proportion("delay", "time", "ms", MILLISECONDS),),
 )
 LAG = Effect(
     "first_order_lag",
@@ -119,6 +125,7 @@ LAG = Effect(
     excites="fast motion, at more than one frequency",
     confused=("dead_time", "resonance", "rate_dependence"),
     separates="a chirp to the highest frequency the drive can follow",
+    sizes=(TIME_CONSTANT,),
 )
 RESONANCE = Effect(
     "resonance",
@@ -134,6 +141,7 @@ RESONANCE = Effect(
     separates="a chirp through its frequency, or steps",
     settled=("swing",),
     within=("omega", "zeta"),
+    sizes=(FREQUENCY, DAMPING, in_proportion("share of the signal", "share", "%", PERCENT)),
 )
 RATE_DEPENDENCE = Effect(
     "rate_dependence",
@@ -149,6 +157,10 @@ RATE_DEPENDENCE = Effect(
     separates="one amplitude at 0.05, 0.2, 1 and 2 Hz",
     variant="output",
     within=("exponent",),
+    sizes=(
+        Size("change at the rms speed", lambda p, scales: p["coefficient"] * scales.wire.speed ** p["exponent"]),
+        in_proportion("exponent of the speed", "exponent", ""),
+    ),
 )
 BASE_EXCITED = attrs.evolve(
     RESONANCE,
@@ -163,7 +175,9 @@ EFFECTS = (
     in_front(DEAD_TIME, "a dead time in front of the model"),
     LAG,
     in_front(LAG, "a first-order lag in front of the model"),
-    attrs.evolve(LAG, words="two first-order lags in a row", block=TWO_LAGS, variant="twice"),
+    attrs.evolve(
+        LAG, words="two first-order lags in a row", block=TWO_LAGS, variant="twice", sizes=(TIME_CONSTANT_OF_EACH,)
+    ),
     RESONANCE,
     BASE_EXCITED,
     in_front(BASE_EXCITED, "a resonance in front of the model"),
@@ -177,6 +191,7 @@ EFFECTS = (
         trials=_mode_trials,
         settled=(),
         variant="parallel",
+        sizes=(FREQUENCY, DAMPING),
     ),
     RATE_DEPENDENCE,
     across(RATE_DEPENDENCE, "rate", "across"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
@@ -10,6 +11,7 @@ import attrs
 from tsmblocks.blocks import Sum
 from tsmblocks.common.errors import ParameterError, in_words, near
 from tsmblocks.common.tables import listed
+from tsmblocks.effects.sizes import Size, on_second_signal
 from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
@@ -73,6 +75,9 @@ class Effect:
     adds : callable, optional
         For the wire of one diagram: what else changes, a function from the diagram with the block in it, and the
         block's name, to a diagram.
+    sizes : tuple of Size, default ()
+        What a person would measure of it, the most telling first: an amplitude, a gap, a frequency. Texts and pages
+        report them with intervals; of an effect without any they report the parameters.
 
     Raises
     ------
@@ -115,6 +120,7 @@ class Effect:
     below: tuple[str, ...] = ()
     local: tuple[str, ...] = ()
     adds: Callable[[Diagram, str], Diagram] | None = attrs.field(default=None, repr=False)
+    sizes: tuple[Size, ...] = attrs.field(default=(), repr=False)
 
     @property
     def receiver(self) -> str:
@@ -155,7 +161,8 @@ def across(effect: Effect, name: str, variant: str) -> Effect:
         inputs={"u": "both.plus1", "x": [f"{name}.u", "added.minus"]},
         outputs={"y": "both"},
     )
-    return _inside(effect, name, block, "across", variant, lambda scales: effect.trials(scales.of_other))
+    beside = attrs.evolve(effect, sizes=tuple(map(on_second_signal, effect.sizes)))
+    return _inside(beside, name, block, "across", variant, lambda scales: effect.trials(scales.of_other))
 
 
 def on_input(effect: Effect, name: str) -> Effect:
@@ -229,6 +236,8 @@ def parameter_faults(effect: Effect) -> Iterator[str]:
     for what in ("within", "below", "local"):
         yield from _unknown(getattr(effect, what), effect.free, f"{what} names '{{}}', which is not free to be fitted.")
     yield from _unknown(effect.settled, states, "its block has no state '{}' to initialise.")
+    for odd in (one for one in effect.sizes if not isinstance(one, Size)):
+        yield f"sizes must hold Size alone, got {in_words(odd)}."
 
 
 def _port_faults(effect: Effect) -> Iterator[str]:
@@ -276,6 +285,19 @@ def _states(block: Block | Diagram) -> list[str]:
     if isinstance(block, Diagram):
         return [f"{name}.{state}" for name, inner in block.blocks.items() for state in _states(inner)]
     return list(block.states)
+
+
+def sizes_of(
+    effect: Effect, parameters: Mapping[str, float], scales: Scales, units: tuple[str, str] = ("", "")
+) -> dict[str, tuple[float, str]]:
+    """The sizes of an effect with some parameters of its block, each with its unit; without those that are endless.
+
+    ``units`` are those of the signal on which it acts and of the second one.
+    """
+    fitted = {name.rpartition(".")[2]: parameters[name] for name in effect.free}
+    values = {**fitted, **parameters}
+    found = {one.name: (float(one.value(values, scales)), one.unit_for(*units)) for one in effect.sizes}
+    return {name: one for name, one in found.items() if math.isfinite(one[0])}
 
 
 def parameters_of(block: Block | Diagram) -> Mapping[str, float]:

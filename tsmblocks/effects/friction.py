@@ -8,6 +8,7 @@ import attrs
 
 from tsmblocks.blocks import Abs, CoulombFriction, DahlFriction, Derivative, Gain, QuadraticDrag, StribeckFriction, Sum
 from tsmblocks.effects.effect import Effect
+from tsmblocks.effects.sizes import Size, in_proportion
 from tsmblocks.effects.trials import Scales, Span, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
@@ -39,7 +40,14 @@ def _of_speed(effect: Effect) -> Effect:
         block=block,
         trials=lambda scales: effect.trials(_as_of_position(scales)),
         variant="speed",
+        sizes=tuple(map(_size_of_speed, effect.sizes)),
     )
+
+
+def _size_of_speed(size: Size) -> Size:
+    """The same size where the second signal is a speed: its unit is that of a position over a second."""
+    units = {"{x}/s": "{x}", "{x}": "{x}*s"}
+    return Size(size.name, lambda p, scales: size.value(p, _as_of_position(scales)), units.get(size.unit, size.unit))
 
 
 def _as_of_position(scales: Scales) -> Scales:
@@ -94,6 +102,7 @@ POSITION_EFFECTS = (
         excites="reversals of the motion",
         confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
         separates="slow triangles in both directions at two speeds",
+        sizes=(in_proportion("friction", "friction.level"),),
     ),
     Effect(
         "viscous_friction",
@@ -107,6 +116,7 @@ POSITION_EFFECTS = (
         excites="slow and fast motion",
         confused=("coulomb_friction", "quadratic_drag", "stiffness"),
         separates="constant speeds at three levels or more",
+        sizes=(Size("friction at the rms speed", lambda p, scales: p["friction.gain"] * scales.other.speed),),
     ),
     Effect(
         "asymmetric_friction",
@@ -120,6 +130,12 @@ POSITION_EFFECTS = (
         excites="two speeds or more in each direction",
         confused=("load_offset", "drift", "even_nonlinearity"),
         separates="two speeds in each direction: an offset does not grow with the speed",
+        sizes=(
+            Size(
+                "difference between the directions at the rms speed",
+                lambda p, scales: 2 * p["difference.gain"] * scales.other.speed,
+            ),
+        ),
     ),
     Effect(
         "stribeck_friction",
@@ -133,6 +149,10 @@ POSITION_EFFECTS = (
         excites="very slow motion beside fast motion",
         confused=("coulomb_friction", "nonlocal_memory"),
         separates="very slow ramps and fast sweeps",
+        sizes=(
+            in_proportion("additional friction at rest", "friction.static"),
+            in_proportion("Stribeck speed", "friction.stribeck", "{x}/s"),
+        ),
     ),
     Effect(
         "presliding_friction",
@@ -146,6 +166,10 @@ POSITION_EFFECTS = (
         excites="reversals with small motion between them",
         confused=("coulomb_friction", "nonlocal_memory", "backlash"),
         separates="tiny amplitudes, below five times the presliding distance",
+        sizes=(
+            in_proportion("friction", "level.gain"),
+            Size("presliding distance", lambda p, _: 1 / p["friction.sigma0"], "{x}"),
+        ),
     ),
     Effect(
         "quadratic_drag",
@@ -159,6 +183,7 @@ POSITION_EFFECTS = (
         excites="slow and fast motion",
         confused=("coulomb_friction", "odd_nonlinearity"),
         separates="constant speeds at three levels or more",
+        sizes=(Size("drag at the rms speed", lambda p, scales: p["friction.coefficient"] * scales.other.speed**2),),
     ),
 )
 EFFECTS = tuple(variant for effect in POSITION_EFFECTS for variant in (effect, _of_speed(effect)))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch, StribeckStretch
 from tsmblocks.effects.effect import Effect, across, in_front, on_input
+from tsmblocks.effects.sizes import Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 
 PLAY_WIDTHS = (0.04, 0.15, 0.45)
@@ -62,6 +65,13 @@ def _position_dependence_trials(scales: Scales) -> Trials:
     return Trials({"gain": 0.03 * (scales.wire.reach / max(other.reach, 1e-12))}, shapes, bounds=bounds)
 
 
+def _width_of_plays(parameters: Mapping[str, float], _: Scales) -> float:
+    """The width that the plays give to a loop after long travel."""
+    return 2 * sum(parameters[w] * parameters[r] for w, r in zip(_WEIGHTS, _RADII, strict=True))
+
+
+LOOP_WIDTH = in_proportion("loop width", "half_width", factor=2.0)
+"""The width of a loop after long travel, from its half."""
 BACKLASH = Effect(
     "backlash",
     "loop",
@@ -75,6 +85,7 @@ BACKLASH = Effect(
     settled=("m",),
     confused=("nonlocal_memory", "hysteresis", "presliding_friction"),
     separates="two amplitudes, minor loops, or an odd multisine",
+    sizes=(in_proportion("gap width", "half_width", factor=2.0),),
 )
 MEMORY = Effect(
     "nonlocal_memory",
@@ -90,6 +101,7 @@ MEMORY = Effect(
     separates="a decaying triangle, or first-order reversal curves",
     variant="output",
     contains=("backlash",),
+    sizes=(Size("loop width", _width_of_plays),),
 )
 ASYMMETRY = Effect(
     "asymmetric_hysteresis",
@@ -104,6 +116,10 @@ ASYMMETRY = Effect(
     confused=("even_nonlinearity", "position_dependent_friction"),
     separates="full loops to both ends and small loops at several positions",
     within=("speed",),
+    sizes=(
+        in_proportion("slope difference", "slope_difference", "{u}/{x}"),
+        Size("shift after travel", lambda p, _: p["delta"] / p["theta"]),
+    ),
 )
 POSITION_DEPENDENCE = Effect(
     "position_dependent_friction",
@@ -118,6 +134,10 @@ POSITION_DEPENDENCE = Effect(
     confused=("asymmetric_hysteresis", "even_nonlinearity"),
     separates="a staircase with small reversals at several positions",
     within=("distance",),
+    sizes=(
+        in_proportion("loop width per position", "gain", "{u}/{x}", 2.0),
+        in_proportion("travel of a reversal", "distance", "{x}"),
+    ),
 )
 EFFECTS = (
     BACKLASH,
@@ -135,6 +155,7 @@ EFFECTS = (
         confused=("backlash", "nonlocal_memory"),
         separates="minor loops of several sizes: a gap has a plateau of one width, hysteresis bends",
         within=("distance",),
+        sizes=(LOOP_WIDTH, in_proportion("travel of a reversal", "distance")),
     ),
     Effect(
         "stribeck_friction",
@@ -151,6 +172,11 @@ EFFECTS = (
         variant="transmission",
         within=("distance", "speed"),
         contains=("hysteresis",),
+        sizes=(
+            LOOP_WIDTH,
+            in_proportion("additional width at low speed", "breakaway", factor=2.0),
+            in_proportion("Stribeck speed", "speed", "{u}/s"),
+        ),
     ),
     ASYMMETRY,
     on_input(ASYMMETRY, "loop"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import attrs
 import numpy as np
@@ -21,6 +22,7 @@ from tsmblocks.blocks import (
     Sum,
 )
 from tsmblocks.effects.effect import Effect, in_front
+from tsmblocks.effects.sizes import PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
@@ -38,6 +40,23 @@ MAX_PERIODS = {2: 40.0, 4: 20.0}
 """The same at most, by the number of amplitudes. Chosen: 80 simulations for each of two."""
 ONE_HARMONIC, TWO_HARMONICS = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
 """Names of the amplitudes of a ripple with one harmonic, and with two."""
+
+
+PERIOD_OF_RIPPLE = Size("period", lambda p, _: 2 * math.pi / p["cycles"])
+"""The distance from crest to crest."""
+LIMITS = (in_proportion("lower limit", "low"), in_proportion("upper limit", "high"))
+"""The ends of a saturation."""
+
+
+def _polynomial(p: Mapping[str, float], away: float) -> float:
+    """What a bent characteristic adds at a distance from its centre; powers that are left out are zero."""
+    powers = (("quadratic", 2), ("cubic", 3), ("quartic", 4), ("quintic", 5))
+    return sum(p.get(name, 0.0) * away**power for name, power in powers)
+
+
+BENT_AT_ENDS = Size("added at the ends", lambda p, scales: _polynomial(p, scales.wire.reach))
+BENT_AT_UPPER_END = Size("added at the upper end", lambda p, scales: _polynomial(p, scales.wire.high - p["centre"]))
+BENT_AT_LOWER_END = Size("added at the lower end", lambda p, scales: _polynomial(p, scales.wire.low - p["centre"]))
 
 
 def _dead_zone_trials(scales: Scales) -> Trials:
@@ -170,6 +189,7 @@ def _slack(side: str) -> Effect:
         confused=("even_nonlinearity", "position_ripple"),
         separates="a slow ramp over the full range, at two pretensions",
         variant=side,
+        sizes=(in_proportion("slope lost", "share", "%", PERCENT), in_proportion("edge", "edge")),
     )
 
 
@@ -191,6 +211,7 @@ def _spring(name: str, words: str, part: str, other: str, power: int) -> Effect:
         confused=("position_ripple", "saturation"),
         separates="two amplitudes",
         variant="spring",
+        sizes=(Size("force at the ends of the motion", lambda p, scales: p[part] * scales.other.reach**power),),
     )
 
 
@@ -207,6 +228,7 @@ SATURATION = Effect(
     confused=("odd_nonlinearity", "rate_limit", "dead_zone"),
     separates="two amplitudes",
     variant="output",
+    sizes=LIMITS,
 )
 SOFT_SATURATION = attrs.evolve(
     SATURATION,
@@ -230,6 +252,7 @@ SOFT_DEAD_ZONE = Effect(
     separates="a slow ramp over the full range: a dead zone takes the same way back",
     variant="soft",
     below=("softness",),  # one as soft as that is a smooth characteristic
+    sizes=(in_proportion("width", "half_width", factor=2.0), in_proportion("middle", "centre")),
 )
 ODD = Effect(
     "odd_nonlinearity",
@@ -243,6 +266,7 @@ ODD = Effect(
     excites="large and small amplitudes",
     confused=("saturation", "position_ripple"),
     separates="a slow ramp over the full range",
+    sizes=(BENT_AT_UPPER_END, BENT_AT_LOWER_END),
 )
 EVEN = Effect(
     "even_nonlinearity",
@@ -256,6 +280,7 @@ EVEN = Effect(
     excites="the full range",
     confused=("dead_zone", "asymmetric_hysteresis", "position_ripple"),
     separates="a slow ramp over the full range",
+    sizes=(BENT_AT_ENDS,),
 )
 RIPPLE = Effect(
     "position_ripple",
@@ -270,6 +295,11 @@ RIPPLE = Effect(
     confused=("dead_zone", "even_nonlinearity", "odd_nonlinearity"),
     separates="slow constant speed over three periods or more",
     within=("cycles",),
+    sizes=(
+        wave(),
+        PERIOD_OF_RIPPLE,
+        Size("position of a crest", lambda p, _: math.atan2(p["sine"], p["cosine"]) / p["cycles"]),
+    ),
 )
 EFFECTS = (
     _slack("low"),
@@ -287,6 +317,10 @@ EFFECTS = (
         confused=("coulomb_friction",),
         separates="a slow ramp of the drive through zero",
         variant="drive",
+        sizes=(
+            Size("width", lambda p, _: p["high"] - p["low"]),
+            Size("middle", lambda p, _: (p["high"] + p["low"]) / 2),
+        ),
     ),
     SOFT_DEAD_ZONE,
     in_front(SOFT_DEAD_ZONE, "a dead zone in front of the model"),
@@ -307,6 +341,10 @@ EFFECTS = (
         free=("size", "width", "centre"),
         trials=_bow_trials,
         variant="bow",
+        sizes=(
+            Size("slope added in the middle", lambda p, _: PERCENT * p["size"] / p["width"], "%"),
+            in_proportion("half width of the middle", "width"),
+        ),
     ),
     _spring("even_nonlinearity", "a spring that differs between the two sides", "force.quadratic", "force.cubic", 2),
     _spring("odd_nonlinearity", "a cubic spring", "force.cubic", "force.quadratic", 3),
@@ -322,6 +360,10 @@ EFFECTS = (
         excites="motion over the whole range, slow and fast",
         confused=("viscous_friction", "load_offset", "drift"),
         separates="slow motion to both ends: the force stays where the motion stops",
+        sizes=(
+            in_proportion("stiffness", "force.gain", "{u}/{x}"),
+            in_proportion("position without force", "away.bias", "{x}", -1.0),
+        ),
     ),
     RIPPLE,
     in_front(RIPPLE),
@@ -331,6 +373,7 @@ EFFECTS = (
         free=(*TWO_HARMONICS, "cycles"),
         trials=lambda scales: _position_ripple_trials(scales, TWO_HARMONICS),
         variant="two harmonics",
+        sizes=(wave(), PERIOD_OF_RIPPLE, wave("cosine2", "sine2", "amplitude of the second harmonic")),
     ),
     attrs.evolve(
         RIPPLE,
@@ -343,6 +386,7 @@ EFFECTS = (
         confused=("coulomb_friction", "odd_nonlinearity"),
         variant="force",
         within=("force.cycles",),
+        sizes=(wave(), attrs.evolve(PERIOD_OF_RIPPLE, unit="{x}")),
     ),
     Effect(
         "load_offset",
@@ -356,5 +400,6 @@ EFFECTS = (
         excites="motion both ways",
         confused=("asymmetric_friction", "drift"),
         separates="the mechanism turned over, or unloaded",
+        sizes=(in_proportion("offset", "bias"),),
     ),
 )

@@ -9,6 +9,7 @@ import attrs
 
 from tsmblocks.common.errors import in_words
 from tsmblocks.effects.effect import Effect, parameter_faults, refuse
+from tsmblocks.effects.sizes import Size
 from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
@@ -48,6 +49,8 @@ class Relative:
         As for ``Effect``.
     confused, within, contains : tuple of str, default ()
         As for ``Effect``.
+    sizes : tuple of Size, default ()
+        As for ``Effect``.
 
     Examples
     --------
@@ -80,6 +83,7 @@ class Relative:
     confused: tuple[str, ...] = ()
     within: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
+    sizes: tuple[Size, ...] = attrs.field(default=(), repr=False)
 
     def __attrs_post_init__(self) -> None:
         refuse(self, _faults(self))
@@ -115,6 +119,8 @@ class Replacement(Effect):
         As for ``Effect``.
     adds : callable, optional
         Not used.
+    sizes : tuple of Size, default ()
+        As for ``Effect``.
     relative : Relative
         The relative.
     replaces : str
@@ -165,6 +171,7 @@ def replacement(relative: Relative, name: str, old: Block, scales: Scales) -> Re
         variant=relative.variant,
         within=relative.within,
         contains=relative.contains,
+        sizes=relative.sizes,
         relative=relative,
         replaces=name,
         old=old,

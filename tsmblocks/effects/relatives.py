@@ -10,6 +10,7 @@ from tsmblocks.blocks import Saturation, SoftSaturation
 from tsmblocks.effects.relative import Relative
 from tsmblocks.effects.relatives_friction import FRICTION
 from tsmblocks.effects.relatives_loops import RELATIVES_OF_LOOPS
+from tsmblocks.effects.sizes import in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block
 
@@ -38,6 +39,7 @@ SOFT_SATURATION = Relative(
     confused=("odd_nonlinearity", "rate_limit"),
     separates="several amplitudes",
     variant="soft",
+    sizes=(in_proportion("lower limit", "low"), in_proportion("upper limit", "high")),
 )
 
 RELATIVES: tuple[Relative, ...] = (*FRICTION, *RELATIVES_OF_LOOPS, SOFT_SATURATION)

@@ -18,6 +18,7 @@ from tsmblocks.blocks import (
     StribeckFriction,
 )
 from tsmblocks.effects.relative import Relative
+from tsmblocks.effects.sizes import Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
@@ -128,6 +129,12 @@ DRY_FRICTION: dict[type[Block], str] = {
 """Blocks of dry friction that have relatives, in words."""
 
 
+SLIDING = in_proportion("friction while sliding", "coulomb")
+AT_REST = in_proportion("friction at rest", "static")
+PRESLIDING_DISTANCE = Size("presliding distance", lambda p, _: p["coulomb"] / p["sigma0"], "{x}*s")
+"""Travel in which dry friction builds up; the second signal of these blocks is a speed."""
+
+
 def _presliding(of: type[Block], **more: Any) -> Relative:
     """A relative of dry friction that yields before it slides."""
     return Relative(
@@ -151,6 +158,7 @@ def _to_dahl(of: type[Block], words: str) -> Relative:
         ports={"u": "v"} if of is Sign else {},
         within=("sigma0",),
         variant="Dahl",
+        sizes=(PRESLIDING_DISTANCE, *(() if of is Sign else (SLIDING,))),
     )
 
 
@@ -176,6 +184,7 @@ def _to_lugre(of: type[Block], words: str) -> Relative:
         free=("sigma0", "static", "stribeck", "coulomb", "sigma2"),
         within=("sigma0",),
         variant="LuGre",
+        sizes=(PRESLIDING_DISTANCE, SLIDING, AT_REST),
     )
 
 
@@ -190,6 +199,7 @@ TO_STRIBECK = Relative(
     excites="very slow motion beside fast motion",
     separates="very slow ramps and fast sweeps",
     variant="Stribeck",
+    sizes=(AT_REST, SLIDING, in_proportion("Stribeck speed", "stribeck", "{x}")),
     confused=("presliding_friction", "nonlocal_memory"),
 )
 FRICTION: tuple[Relative, ...] = (

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import attrs
 
 from tsmblocks import blocks
 from tsmblocks.effects.effect import Effect, across
+from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
 
 NO_LIMIT = 1e12
@@ -88,6 +90,20 @@ def _soft_rate_limit_trials(scales: Scales) -> Trials:
     return Trials({}, shapes, bounds={**hard.bounds, **soft})
 
 
+def _whole_drift(p: Mapping[str, float], scales: Scales) -> float:
+    """What a drift comes to from the first sample to the last."""
+    length = _duration(scales)
+    return p["rate"] * length + p["curve"] * length**2
+
+
+AT = in_proportion("time", "time", "s")
+CREPT = in_proportion("share that creeps", "share", "%", PERCENT)
+CHANGE_OF_GAIN = in_proportion("change of the gain", "change", "%", PERCENT)
+
+
+_CHANGE_OF_GAIN_TOO = in_proportion("change of the gain", "gain", "%", PERCENT)
+
+
 def _own(effect: Effect, instant: str = "") -> Effect:
     """The variant of an effect with a size and an instant of its own in each recording, where these share no clock."""
     return attrs.evolve(
@@ -95,6 +111,7 @@ def _own(effect: Effect, instant: str = "") -> Effect:
         trials=lambda scales: None if scales.one_clock else effect.trials(scales),
         variant=f"{effect.variant}, own sizes{' and times' if instant else ''}".lstrip(", "),
         local=(*effect.null, *filter(None, [instant])),
+        sizes=tuple(one for one in effect.sizes if one.value is not _whole_drift),  # each recording has its length
     )
 
 
@@ -110,6 +127,7 @@ DRIFT = Effect(
     excites="a long session on one clock",
     confused=("jump", "creep", "parameter_change"),
     separates="the first experiment repeated at the end",
+    sizes=(Size("drift in all", _whole_drift), in_proportion("drift at first", "rate", "{u}/min", MINUTE)),
 )
 JUMP = Effect(
     "jump",
@@ -123,6 +141,7 @@ JUMP = Effect(
     excites="samples before and after it",
     confused=("drift", "parameter_change"),
     separates="a reference mark passed again",
+    sizes=(in_proportion("jump", "size"), AT),
 )
 LOAD_STEP = attrs.evolve(
     JUMP,
@@ -145,6 +164,7 @@ GAIN_CHANGE = Effect(
     confused=("drift", "jump", "creep"),
     separates="the same experiment before and after",
     variant="gain",
+    sizes=(CHANGE_OF_GAIN, AT),
 )
 GAIN_DRIFT = attrs.evolve(
     GAIN_CHANGE,
@@ -154,6 +174,7 @@ GAIN_DRIFT = attrs.evolve(
     free=("rate",),
     trials=lambda scales: Trials({"rate": 0.05 / _duration(scales)}, fixed=_time_origin(scales)),
     variant="drift",
+    sizes=(in_proportion("drift of the gain", "rate", "%/min", PERCENT * MINUTE),),
 )
 LOOP_CHANGE = attrs.evolve(
     GAIN_CHANGE,
@@ -163,6 +184,7 @@ LOOP_CHANGE = attrs.evolve(
     free=("change", "gain", "distance", "time"),
     trials=_loop_change_trials,
     variant="loop",
+    sizes=(Size("change of the loop's width", lambda p, _: -2 * p["change"]), _CHANGE_OF_GAIN_TOO, AT),
 )
 LOOP_CHANGE_OF_INPUT = across(LOOP_CHANGE, "loop", "loop of the input")
 CREEP = Effect(
@@ -179,6 +201,7 @@ CREEP = Effect(
     separates="a staircase with rests of 30 s",
     settled=("late",),
     within=("time_constant",),
+    sizes=(CREPT, in_proportion("time constant", "time_constant", "s")),
 )
 DISTURBANCE = Effect(
     "periodic_disturbance",
@@ -194,6 +217,7 @@ DISTURBANCE = Effect(
     separates="other input frequencies: a disturbance keeps its own",
     variant="output",
     within=("frequency",),
+    sizes=(wave(), in_proportion("frequency", "frequency", "Hz")),
 )
 DRIVE_DISTURBANCE = attrs.evolve(DISTURBANCE, place="drive", variant="drive")
 RATE_LIMIT = Effect(
@@ -209,6 +233,7 @@ RATE_LIMIT = Effect(
     confused=("saturation", "rate_dependence"),
     separates="one amplitude at rising frequencies",
     variant="output",
+    sizes=(in_proportion("fastest rise", "rising", "{u}/s"), in_proportion("fastest fall", "falling", "{u}/s", -1.0)),
 )
 EFFECTS = (
     DRIFT,
@@ -235,6 +260,7 @@ EFFECTS = (
         variant="broad",
         settled=("late1", "late2", "late3", "late4"),
         within=(),
+        sizes=(CREPT, in_proportion("shortest time constant", "fastest", "s")),
     ),
     DISTURBANCE,
     _own(DISTURBANCE),

@@ -9,11 +9,11 @@ from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.text import STATUS
-from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence
+from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence, verdict_word
 from tsmblocks.html.card import MOST_CHARTS, card, listed, table_of
 from tsmblocks.html.figures import gap_bars
 from tsmblocks.html.pages import part
-from tsmblocks.html.report import WORDS
+from tsmblocks.html.report import model_colours
 
 view = functools.singledispatch(no_view)
 
@@ -22,20 +22,15 @@ view = functools.singledispatch(no_view)
 def diagnosis_card(diagnosis: Diagnosis) -> str:
     """A diagnosis: verdict, effects with their parameters, errors before and after; ``save`` writes the report."""
     boxes = [
-        part("verdict", s.verdict, WORDS.get(s.verdict, s.verdict), verdict_sentence(s))
-        + part("bullets", next_steps(s), "Next:")
+        part("verdict", s.verdict, verdict_word(s), verdict_sentence(s)) + part("bullets", next_steps(s), "Next:")
         for s in segments_by_verdict(diagnosis)
     ]
-    table = [("effect", "insertion point", "parameters", "removes", "indistinguishable from")]
+    table = [("effect", "insertion point", "size", "removes", "indistinguishable from")]
     for e in diagnosis.effects:
-        parameters = "; ".join(f"{k} {with_interval(q)}" for k, q in e.parameters.items())
-        table.append((e.name, e.wire.strip(), parameters, percent(e.share_removed), ", ".join(e.also_possible)))
+        sizes = "; ".join(f"{k} {with_interval(q)}" for k, q in (e.sizes or e.parameters).items())
+        table.append((e.name, e.wire.strip(), sizes, percent(e.share_removed), ", ".join(e.also_possible)))
     gaps = [gap_bars(s, g) for s in diagnosis.segments for g in s.gaps][:MOST_CHARTS]
-    colours = {
-        "before": "before",
-        "after": "with all reported effects" if diagnosis.effects else "",
-        "hollow": "hollow: on the data it was fitted to",
-    }
+    colours = [*model_colours(diagnosis.segments), ("hollow", "hollow: on the data it was fitted to")]
     stopped = "" if diagnosis.status == "done" else f"; {STATUS.get(diagnosis.status, diagnosis.status)}"
     count = len(diagnosis.experiments)
     about = f"{count} experiment{'s' if count > 1 else ''}: {few(diagnosis.experiments)}{stopped}"
@@ -44,7 +39,7 @@ def diagnosis_card(diagnosis: Diagnosis) -> str:
         about,
         *boxes,
         table_of(table, {0, 1, 2, 4}) if diagnosis.effects else "",
-        part("key", [one for one in colours.items() if one[1]]),
+        part("key", colours),
         part("charts", gaps),
         listed(["diagnosis.save(folder) writes the whole report."]),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from markupsafe import Markup
 
@@ -18,6 +20,8 @@ BAR, SPACE = 9, 9
 """Height of a bar, and space between the bars of experiments [pixels]."""
 KINDS = ("measured", "before", "after")
 """Classes of lines, which give their colours."""
+QUIET = ("measured", "after")
+"""The same where nothing is missing: the model as it is has the colour of one that is right."""
 CORNERS = 4
 """Corners of a loop for each point that a line over time has."""
 
@@ -38,7 +42,7 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
     for place, (name, values, train) in enumerate(rows):
         y, kind = top + tall * place + SPACE / 2, "" if place else "strong"
         parts.append(charts.text(names - 6, y + count * BAR / 2 + 4, fitted(name, TEXT, names - 8), "end", kind))
-        parts += _bars(frame, y, k, values, train)
+        parts += _bars(frame, y, k, values, train, quiet=segment.verdict == "none")
     x = frame.across(k * gap.noise_floor)
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
     parts.append(charts.text(x, top - 9, f"noise {digits(k * gap.noise_floor)}", "middle", "floor"))
@@ -46,13 +50,15 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
     return charts.chart(parts, bottom + 34, words)
 
 
-def _bars(frame: Frame, y: float, k: float, values: tuple[float, ...], train: tuple[float, float]) -> list[str]:
+def _bars(
+    frame: Frame, y: float, k: float, values: tuple[float, ...], train: tuple[float, float], *, quiet: bool
+) -> list[str]:
     """The bars of one experiment: base first, a hollow one where the same model was fitted."""
     parts, last = [], len(values) - 1
     for step, value in enumerate(values):
         top, end = y + step * BAR, frame.across(k * value)
-        kind = "after" if step == last else "between"
-        parts.append(charts.box(frame.left, top, end - frame.left, BAR - 1.5, f"fill {kind if step else 'before'}"))
+        kind = "before" if not (step or quiet) else "after" if step == last else "between"
+        parts.append(charts.box(frame.left, top, end - frame.left, BAR - 1.5, f"fill {kind}"))
         edge = end
         if step in (0, last):
             edge = frame.across(k * train[1 if step else 0])
@@ -64,37 +70,41 @@ def _bars(frame: Frame, y: float, k: float, values: tuple[float, ...], train: tu
 # ---- one experiment ------------------------------------------------------------------------------
 
 
-def signals_chart(trace: Trace, count: int, over: Diagram | None = None) -> Markup:
+def signals_chart(trace: Trace, count: int, over: Diagram | None = None, *, quiet: bool = False) -> Markup:
     """The measured signal and those of the base and the final model, over time or over the input of a diagram.
 
-    ``count`` is that of the points of a line over time.
+    ``count`` is that of the points of a line over time; ``quiet`` that nothing is missing.
     """
     k, unit = display_unit(trace.unit)
     x, x_label, limits = _abscissa(trace, over)
+    kinds = QUIET if quiet else KINDS
     signals = [k * y for y in (trace.measured, *_models(trace))]
     frame = Frame(LEFT, 22, RIGHT, 150, limits, charts.spread(*signals))
     parts = [charts.axes(frame, x_label, heading(trace.output, unit))]
-    parts += [_line(frame, x, y, count, kind, over) for kind, y in zip(KINDS, signals, strict=False)]
+    parts += [_line(frame, x, y, count, kind, over) for kind, y in zip(kinds, signals, strict=False)]
     words = f"{trace.output} of {trace.experiment} over time, measured and simulated"
     return charts.chart(parts, 184, f"{trace.output} over {trace.drive_name} in {trace.experiment}" if over else words)
 
 
-def residual_chart(trace: Trace, noise: float, count: int, over: Diagram | None = None) -> Markup:
+def residual_chart(
+    trace: Trace, noise: float, count: int, over: Diagram | None = None, *, quiet: bool = False
+) -> Markup:
     """The residual before and after, the noise as a band, over time or over the input of a diagram.
 
     Over time the excess of each block of time is drawn above it; a loop over the input is one that the model lacks.
     """
     k, unit = display_unit(trace.unit)
     x, x_label, limits = _abscissa(trace, over)
+    kinds = QUIET[1:] if quiet else KINDS[1:]
     residuals = [k * (trace.measured - y) for y in _models(trace)]
     frame = Frame(LEFT, 22 if over else 46, RIGHT, 150, limits, charts.spread(*residuals, zero=True))
     parts = [charts.axes(frame, x_label, ""), charts.band(frame, -2 * k * noise, 2 * k * noise, "noise")]
     parts.append(charts.text(2, 12, heading(f"residual of {trace.output}", unit)))
-    for kind, y in zip(KINDS[1:], residuals, strict=False):
+    for kind, y in zip(kinds, residuals, strict=False):
         parts.append(_line(frame, x, y, count, f"{kind} thin", over))
     if over:
         return charts.chart(parts, 184, f"residual of {trace.output} over {trace.drive_name} in {trace.experiment}")
-    parts += _strip(trace, frame)
+    parts += _strip(trace, frame, kinds)
     return charts.chart(parts, 184, f"residual of {trace.output} in {trace.experiment} over time")
 
 
@@ -111,9 +121,9 @@ def _line(frame: Frame, x: np.ndarray, y: np.ndarray, count: int, kind: str, ove
     return charts.line(frame, *corners, kind)
 
 
-def _strip(trace: Trace, frame: Frame) -> list[str]:
+def _strip(trace: Trace, frame: Frame, kinds: Sequence[str]) -> list[str]:
     """A row of blocks before, and one after if an effect is reported: the darker, the further above the noise."""
-    parts, rows = [], list(zip((20, 31), KINDS[1:], _models(trace), strict=False))
+    parts, rows = [], list(zip((20, 31), kinds, _models(trace), strict=False))
     for start, stop, *squares in strips(trace):
         x, end = np.clip(frame.across(np.array([start, stop])), frame.left, frame.right)
         for (y, kind, _), square in zip(rows, squares, strict=False):
@@ -121,7 +131,7 @@ def _strip(trace: Trace, frame: Frame) -> list[str]:
             parts.append(charts.box(x, y, end - x - 0.5, 9, f"fill {kind}", opacity))
             parts.append(charts.box(x, y, end - x - 0.5, 9, "cell"))
     for y, kind, _ in rows:
-        parts.append(charts.text(LEFT - 4, y + 8, kind, "end", "small"))
+        parts.append(charts.text(LEFT - 4, y + 8, kind if len(rows) > 1 else "model", "end", "small"))
     return parts
 
 
@@ -133,7 +143,7 @@ def _models(trace: Trace) -> list[np.ndarray]:
 # ---- along a coordinate --------------------------------------------------------------------------
 
 
-def residual_over_coordinate(curve: Profile, *, explained: bool) -> Markup:
+def residual_over_coordinate(curve: Profile, *, explained: bool, quiet: bool = False) -> Markup:
     """Mean residual in bins of a coordinate with standard errors, before and after, and the effects' contribution."""
     k, unit = display_unit(curve.error_unit)
     k_in, unit_in = display_unit(curve.unit)
@@ -145,7 +155,7 @@ def residual_over_coordinate(curve: Profile, *, explained: bool) -> Markup:
     parts.append(charts.rule(LEFT, zero, RIGHT, zero, "zero"))
     if explained:
         parts.append(charts.line(frame, x, k * curve.explained, "explained"))
-    parts.append(charts.points(frame, x, before, k * curve.error_before, "before"))
+    parts.append(charts.points(frame, x, before, k * curve.error_before, "after" if quiet else "before"))
     if explained:
         parts.append(charts.points(frame, x, after, k * curve.error_after, "after"))
     return charts.chart(parts, 204, f"mean residual over {curve.coordinate}")

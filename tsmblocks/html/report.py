@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from markupsafe import Markup
@@ -34,7 +34,7 @@ from tsmblocks.diagnosis.text import (
     parameter_rows,
     share_across_experiments,
 )
-from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence
+from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence, verdict_word
 from tsmblocks.draw import to_svg
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.html import figures
@@ -46,7 +46,6 @@ MAX_TOTAL_POINTS = 12000
 MAX_POINTS, MIN_POINTS = 500, 100
 """Points of one line at most and at least. Chosen."""
 LINE_BREAK = Markup("<br>")
-WORDS = {"named": "Found", "unknown": "Unknown effect", "none": "Nothing missing"}
 
 
 def page(diagnosis: Diagnosis) -> str:
@@ -60,11 +59,11 @@ def page(diagnosis: Diagnosis) -> str:
         several=len(segments) > 1,
         status=STATUS.get(diagnosis.status, diagnosis.status),
         gaps=[_gap(s, g) for s in segments for g in s.gaps],
-        between=any(len(s.effects) > 1 for s in segments),
+        colours=model_colours(segments),
         disagreement=lambda segment: _disagreement(diagnosis, segment),
         darkest=f"{DARKEST:g}",
         rounds=[one for s in segments for one in _rounds(s, len(diagnosis.experiments))],
-        blocks=[(e.block, e.words, e.wire.strip(), _numbers(diagnosis, e)) for e in effects],
+        blocks=[(e.block, e.words, e.wire.strip(), _sizes(e), _numbers(diagnosis, e)) for e in effects],
         drawn=to_svg(diagnosis.base),
         drawn_after=_marked(diagnosis) if effects else "",
         changes=difference(diagnosis.base, diagnosis.augmented).lines if effects else (),
@@ -80,7 +79,7 @@ def page(diagnosis: Diagnosis) -> str:
         percent=percent,
         listed=listed,
         plural=lambda things: "s" if len(things) > 1 else "",
-        WORDS=WORDS,
+        verdict_word=verdict_word,
     )
     return rendered("report.html", values)
 
@@ -101,6 +100,17 @@ def _gap(segment: Segment, gap: Gap) -> dict[str, Any]:
     }
 
 
+def model_colours(segments: Sequence[Segment]) -> list[tuple[str, str]]:
+    """What the colours of models mean on a page about some segments."""
+    if any(s.effects for s in segments):
+        between = [("between", "in between")] if any(len(s.effects) > 1 for s in segments) else []
+        return [("before", "before"), *between, ("after", "with the reported effects")]
+    if all(s.verdict == "none" for s in segments):
+        return [("after", "the model")]
+    quiet = [("after", "the model, nothing missing")] if any(s.verdict == "none" for s in segments) else []
+    return [("before", "the model, something missing" if quiet else "the model"), *quiet]
+
+
 def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, Any]]:
     """Profiles of each output of a segment, the experiment that is worst, and the others to be opened."""
     count = sum(len(output_traces(s, g.output)) for s in diagnosis.segments for g in s.gaps)
@@ -109,18 +119,19 @@ def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, 
     for gap in segment.gaps:
         profiles = [profile(segment, gap.output, w.coordinate, diagnosis.base) for w in segment.where[:2]]
         traces = by_excess(output_traces(segment, gap.output))
-        worst, *others = [_experiment(diagnosis, gap, one, points) for one in traces]
-        drawn = [figures.residual_over_coordinate(one, explained=explained) for one in profiles if one]
+        worst, *others = [_experiment(diagnosis, segment, gap, one, points) for one in traces]
+        quiet = segment.verdict == "none"
+        drawn = [figures.residual_over_coordinate(one, explained=explained, quiet=quiet) for one in profiles if one]
         yield {"name": gap.output, "profiles": drawn, "worst": worst, "others": others}
 
 
-def _experiment(diagnosis: Diagnosis, gap: Gap, trace: Trace, points: int) -> dict[str, Any]:
+def _experiment(diagnosis: Diagnosis, segment: Segment, gap: Gap, trace: Trace, points: int) -> dict[str, Any]:
     k, unit = display_unit(trace.unit)
     before, after = (digits(k * v) for v in fitted_rms(trace))
-    charts = []
+    charts, quiet = [], segment.verdict == "none"
     for over in [None, diagnosis.base] if len(trace.drive) else [None]:
-        charts.append(figures.signals_chart(trace, points, over))
-        charts.append(figures.residual_chart(trace, gap.noise_floor, points, over))
+        charts.append(figures.signals_chart(trace, points, over, quiet=quiet))
+        charts.append(figures.residual_chart(trace, gap.noise_floor, points, over, quiet=quiet))
     change = f"rms {before} → {after} {unit}" if before != after else f"rms {before} {unit}"
     return {"experiment": trace.experiment, "output": trace.output, "rms": change, "charts": charts}
 
@@ -160,6 +171,11 @@ def _marked(diagnosis: Diagnosis) -> str:
         return to_svg(diagnosis.augmented, highlight=[e.block for e in diagnosis.effects])
     except TsmError:  # a user's effect may put its block elsewhere
         return to_svg(diagnosis.augmented)
+
+
+def _sizes(effect: NamedEffect) -> Markup:
+    """The sizes of an effect with intervals, one on each line."""
+    return LINE_BREAK.join(Markup("{} {}").format(name, with_interval(q)) for name, q in effect.sizes.items())
 
 
 def _numbers(diagnosis: Diagnosis, effect: NamedEffect) -> Markup:

@@ -1,0 +1,143 @@
+"""Parameters and sizes of effects with confidence intervals, from the last model of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.common.errors import TsmError
+from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.determined import held_directions, redundant_parameters
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.result import Quantity
+from tsmblocks.effects.effect import sizes_of
+from tsmblocks.fitting.statistics import intervals, uncertainty
+from tsmblocks.model.diagram import Diagram
+
+DIFFERENCE = 1e-3
+"""Step of the derivatives of sizes [standard errors]. Chosen: sizes are smooth over it, and rounding is not seen."""
+
+
+@attrs.frozen(eq=False)
+class Estimate:
+    """The parameters of the last model, with covariance (p, p) and degrees of freedom (p,)."""
+
+    model: Model
+    covariance: np.ndarray
+    freedom: np.ndarray
+
+    @classmethod
+    def of(cls, models: Sequence[Model]) -> Estimate:
+        """The estimate of the last of some models; what is redundant in the first is held."""
+        model = models[-1]
+        held = held_directions(model, redundant_parameters(models[0]))
+        found = uncertainty(model.J, model.r, model.problem.segments, held=held if len(held) else None)
+        return cls(model, found.covariance, np.broadcast_to(found.freedom, len(model.theta)))
+
+    def parameters(self, candidate: Candidate) -> dict[str, Quantity]:
+        """The fitted parameters of an effect; those with a value in each experiment come last."""
+        theta = self.model.theta
+        low, high = intervals(theta, self.covariance, self.freedom)
+        every = zip(self.model.problem.unknowns.items, theta, low, high, strict=True)
+        return {
+            item.name.removeprefix(f"{candidate.block}."): Quantity(float(value), float(below), float(above), item.unit)
+            for item, value, below, above in sorted(every, key=lambda one: bool(one[0].experiment))
+            if item.parameter in candidate.free
+        }
+
+    def sizes(self, candidate: Candidate) -> dict[str, Quantity]:
+        """The sizes of an effect, those with a value in each experiment under ``name@experiment``.
+
+        Intervals are those of the delta method: the size is linear in the parameters within their uncertainty.
+        """
+        items = [(k, one) for k, one in enumerate(self.model.problem.unknowns.items) if one.parameter in candidate.free]
+        experiments = list(dict.fromkeys(one.experiment for _, one in items if one.experiment))
+        found: dict[str, Quantity] = {}
+        for experiment in experiments or [""]:
+            own = {one.parameter.removeprefix(f"{candidate.block}."): k for k, one in items if not one.experiment}
+            local = {
+                one.parameter.removeprefix(f"{candidate.block}."): k for k, one in items if one.experiment == experiment
+            }
+            for name, (quantity, of) in self._sizes(candidate, {**own, **local}).items():
+                is_local = bool(experiment) and bool(of & set(local.values()))
+                found[f"{name}@{experiment}" if is_local else name] = quantity
+        return dict(sorted(found.items(), key=lambda one: "@" in one[0]))
+
+    def _sizes(self, candidate: Candidate, columns: Mapping[str, int]) -> dict[str, tuple[Quantity, set[int]]]:
+        """Sizes with the parameters in some columns, each with the columns that it depends on."""
+        at, units = list(columns.values()), _units(candidate)
+        theta, wide = self.model.theta[at], np.sqrt(np.diag(self.covariance)[at])
+        values = _sizes(candidate, columns, theta, units)
+        steps = np.where(np.isfinite(wide) & (wide > 0), DIFFERENCE * wide, 1e-6 * np.maximum(np.abs(theta), 1e-6))
+        sides = [
+            [_sizes(candidate, columns, theta + sign * step * row, units) for sign in (1, -1)]
+            for row, step in zip(np.eye(len(at)), steps, strict=True)
+        ]
+        found = {}
+        for name, (value, unit) in values.items():
+            if not all(name in side for both in sides for side in both):
+                continue
+            gradient = np.array([(up[name][0] - down[name][0]) for up, down in sides]) / (2 * steps)
+            found[name] = (self._quantity(value, unit, gradient, at), {at[k] for k in np.flatnonzero(gradient)})
+        return found
+
+    def _quantity(self, value: float, unit: str, gradient: np.ndarray, at: Sequence[int]) -> Quantity:
+        """A function of the parameters with its interval; ``gradient`` is that by the parameters in columns ``at``."""
+        moved = np.flatnonzero(gradient)
+        rows = np.asarray(at)[moved]
+        variance = gradient[moved] @ self.covariance[np.ix_(rows, rows)] @ gradient[moved]
+        freedom = self.freedom[rows].min(initial=np.inf)  # the least of those it depends on is on the safe side
+        low, high = intervals(np.array([value]), np.array([[max(variance, 0.0)]]), np.array([freedom]))
+        return Quantity(value, float(low[0]), float(high[0]), unit)
+
+
+def detectable_size(candidate: Candidate, parameter: str, limit: float) -> tuple[str, float, str]:
+    """The size, with its name and unit, that an effect has at the detection limit of a parameter.
+
+    It is the first that is in proportion to this parameter whatever the others are, at all shapes of the trials; empty
+    where there is none.
+    """
+    units, null, shapes = _units(candidate), dict(candidate.effect.null), candidate.trials.shapes
+    negative = any(shape.get(parameter, 0.0) < 0 for shape in shapes)  # a lower limit; a strength has no sign
+    at = [
+        [_sizes_with(candidate, {**null, **shape, parameter: value}, units) for shape in shapes]
+        for value in ((-limit, -2 * limit) if negative else (limit, 2 * limit))
+    ]
+    for name, (value, unit) in at[0][0].items():
+        ratios = [one.get(name, (np.nan, ""))[0] / value for row in at for one in row] if value else []
+        if ratios and np.allclose(ratios, [1.0] * len(shapes) + [2.0] * len(shapes)):
+            return name, value if negative else abs(value), unit
+    return "", 0.0, ""
+
+
+def _sizes(
+    candidate: Candidate, columns: Mapping[str, int], theta: np.ndarray, units: tuple[str, str]
+) -> dict[str, tuple[float, str]]:
+    """The sizes of an effect with these values of its fitted parameters, the others as in the candidate."""
+    return _sizes_with(candidate, dict(zip(columns, theta.tolist(), strict=True)), units)
+
+
+def _sizes_with(
+    candidate: Candidate, given: Mapping[str, float], units: tuple[str, str]
+) -> dict[str, tuple[float, str]]:
+    """The sizes of an effect with some values of its parameters, the others as in the candidate."""
+    if candidate.scales is None:
+        return {}
+    head = f"{candidate.block}."
+    fixed = {k.removeprefix(head): v for k, v in candidate.diagram.parameters.items() if k.startswith(head)}
+    return sizes_of(candidate.effect, {**fixed, **given}, candidate.scales, units)
+
+
+def _units(candidate: Candidate) -> tuple[str, str]:
+    """The units of the signal on which an effect acts, and of the second one; empty where none is known."""
+    wire = _unit(candidate.diagram, candidate.point.signal)
+    return wire, _unit(candidate.diagram, candidate.point.other) if candidate.point.other else wire
+
+
+def _unit(diagram: Diagram, signal: str) -> str:
+    try:
+        return diagram.unit(signal)
+    except (TsmError, KeyError):  # a signal of which only a part is in this diagram
+        return ""
