@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -11,7 +12,7 @@ import pytest
 
 from tsmblocks.cli import main
 from tsmblocks.data import read
-from tsmblocks.draw.picture import ACCENT
+from tsmblocks.draw.picture import LIGHT
 from tsmblocks.files import load
 from tsmblocks.files.shipped import shipped_names
 
@@ -275,6 +276,17 @@ def test_a_fault_of_ours_is_told_apart(tsm, monkeypatch):
 # ---- draw, check, blocks
 
 
+def test_draw_shows_the_inside_of_a_block_and_goes_on_in_rows(tsm, here):
+    loop = "fig09b_elementary"
+    assert tsm("draw", loop, "--inside", "compensator.observer", "--out", "inside.svg")[0] == 0
+    assert 'data-block="decay"' in (here / "inside.svg").read_text(encoding="utf-8")
+    assert tsm("draw", loop, "--inside", "compensator", "--out", "inside.mmd")[0] == 0
+    assert "b_quotient" in (here / "inside.mmd").read_text(encoding="utf-8")
+    fails(tsm("draw", loop, "--inside", "compensater"), "Did you mean 'compensator'?")
+    assert tsm("draw", loop, "--wrap", "600", "--out", "rows.svg")[0] == 0
+    assert int(re.search(r'width="(\d+)"', (here / "rows.svg").read_text(encoding="utf-8"))[1]) <= 600
+
+
 def test_draw_writes_what_the_ending_asks_for(tsm, here):
     for name, start in (("a.svg", "<"), ("a.mmd", "flowchart"), ("a.png", "\x89PNG"), ("a.pdf", "%PDF")):
         status, out, _ = tsm("draw", "fig09b_feedforward", "--out", name)
@@ -293,10 +305,12 @@ def test_draw_with_other_numbers_and_blocks_marked(tsm, here):
     said = tsm("draw", "gain.toml", "--set", "a.gain=17.25", "--highlight", "a", "--out", "marked.svg")
     assert said[:2] == (0, "wrote marked.svg\n")
     plain, marked = ((here / f"{name}.svg").read_text(encoding="utf-8") for name in ("plain", "marked"))
-    assert (plain.count(ACCENT), plain.count("17.25")) == (0, 0)
-    assert marked.count(ACCENT) > 1
-    assert marked.count("17.25") == 1
+    pictures = [text.partition("</style>")[2] for text in (plain, marked)]
+    assert [text.count(f'"{LIGHT["accent"]}"') > 1 for text in pictures] == [False, True]
+    assert [text.count(">17.25<") for text in pictures] == [0, 1]
     fails(tsm("draw", "fig16_feedforward_feedback", "--highlight", "pidd"), "Did you mean 'pid'?")
+    assert tsm("draw", "gain.toml", "--symbols", "--theme", "dark", "--out", "plain.svg")[0] == 0
+    assert {">K<", '"#161718"'} <= set(re.findall(r'>K<|"#161718"', (here / "plain.svg").read_text(encoding="utf-8")))
     fails(tsm("draw", "fig16_feedforward_feedback", "--highlight", "pid", "--out", "a.mmd"), "Mermaid")
     fails(tsm("draw", "fig16_feedforward_feedback", "--set", "pid.kpp=1"), "Did you mean 'kp'?")
 

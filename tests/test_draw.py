@@ -14,12 +14,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tsmblocks.blocks import (
+    PID,
+    Constant,
+    FirstOrderLag,
+    Gain,
+    MotorTransferFunction,
+    Saturation,
+    SecondOrderLag,
+    TransferFunction,
+)
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw import layout, simplex, to_mermaid, to_pdf, to_png, to_svg
-from tsmblocks.draw.picture import text_width
-from tsmblocks.draw.shapes import fraction
+from tsmblocks.draw.faces import fraction, values_of
+from tsmblocks.draw.picture import DARK, LIGHT, text_width
 from tsmblocks.draw.tracks import Trunk, arrange
-from tsmblocks.model.block import Block, Input, Output, block, option
+from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, option, parameter
 from tsmblocks.model.diagram import Diagram
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -132,6 +142,16 @@ def pieces(wire):
             yield min(a[0], b[0]), min(a[1], b[1]), max(a[0], b[0]), max(a[1], b[1])
 
 
+def through(piece, box):
+    """Whether a line runs through a box; a circle may be passed within the corners of its square."""
+    wide = (piece[0] - 0.01, piece[1] - 0.01, piece[2] + 0.01, piece[3] + 0.01)
+    if not overlap(wide, box.extent, 0.1) or box.shape != "round":
+        return overlap(wide, box.extent, 0.1)
+    x, y = box.x + box.width / 2, box.y + box.height / 2
+    nearest = min(max(x, piece[0]), piece[2]), min(max(y, piece[1]), piece[3])
+    return np.hypot(nearest[0] - x, nearest[1] - y) < box.width / 2 - 0.1
+
+
 def on(point, piece):
     return piece[0] <= point[0] <= piece[2] and piece[1] <= point[1] <= piece[3]
 
@@ -148,8 +168,7 @@ def assert_lawful(diagram, **options):
     for signal, piece in lines:
         assert piece[0] == piece[2] or piece[1] == piece[3], f"{signal} runs askew"
         for box in picture.boxes:
-            wide = (piece[0] - 0.01, piece[1] - 0.01, piece[2] + 0.01, piece[3] + 0.01)
-            assert not overlap(wide, box.extent, 0.1), f"{signal} runs through {box.name}"
+            assert not through(piece, box), f"{signal} runs through {box.name}"
     for (one, a), (two, b) in itertools.combinations(lines, 2):
         if one != two:
             assert_apart(one, a, two, b)
@@ -197,12 +216,12 @@ def assert_connected(diagram, picture):
         assert targets <= set(wire.targets)
         assert len(wire.arrows) == len(wire.targets)
         name, _, port = signal.partition(".")
-        assert any(touches(p, boxes[name, not port].extent) for line in wire.lines for p in line), signal
+        assert any(touches(p, boxes[name, not port]) for line in wire.lines for p in line), signal
         assert joined(wire), f"{signal} is drawn in separate parts"
         for target in wire.targets:
             name, _, port = target.partition(".")
             box = boxes[name, not port]
-            assert any(touches((a.x, a.y), box.extent) for a in wire.arrows), f"{signal} misses {target}"
+            assert any(touches((a.x, a.y), box) for a in wire.arrows), f"{signal} misses {target}"
 
 
 def wanted(diagram):
@@ -215,9 +234,11 @@ def wanted(diagram):
     return found
 
 
-def touches(point, extent):
+def touches(point, box):
     x, y = point
-    left, top, right, bottom = extent
+    left, top, right, bottom = box.extent
+    if box.shape == "round":
+        return abs(np.hypot(x - (left + right) / 2, y - (top + bottom) / 2) - box.width / 2) < 0.1
     inside = left - 0.1 <= x <= right + 0.1 and top - 0.1 <= y <= bottom + 0.1
     return inside and min(abs(x - left), abs(x - right), abs(y - top), abs(y - bottom)) < 0.1
 
@@ -428,7 +449,7 @@ def test_a_sensor_stands_in_the_feedback_path_and_points_left():
     assert y == middle(picture, "filter")[1]
     assert middle(picture, "filter")[0] < x
     sensor = box_of(picture, "sensor")
-    (arrow,) = [a for w in picture.wires for a in w.arrows if touches((a.x, a.y), sensor.extent)]
+    (arrow,) = [a for w in picture.wires for a in w.arrows if touches((a.x, a.y), sensor)]
     assert (arrow.dx, arrow.dy) == (-1, 0)
 
 
@@ -478,6 +499,190 @@ def test_a_symbol_with_a_fraction_is_stacked():
     assert fraction("F₊ / F₋") == ()
     assert fraction("a/b/c") == ()
     assert fraction("PID") == ()
+
+
+def test_two_feedbacks_enter_a_sum_from_below_and_never_run_over_the_top():
+    """The second one used to enter from above, by a wire around everything."""
+    for signs in ("+--", "---"):
+        fed = {"+--": {"inputs": {"r": "error.u0"}, "wires": []}, "---": {"wires": ["last -> error.u0"]}}[signs]
+        wires = ["error -> first -> middle -> last -> error.u2", "middle -> error.u1", *fed["wires"]]
+        blocks = {"error": Add(signs=signs), "first": Plant(), "middle": Plant(), "last": Plant()}
+        picture = assert_lawful(
+            Diagram(blocks=blocks, wires=wires, inputs=fed.get("inputs", {}), outputs={"y": "last"})
+        )
+        top = min(b.y for b in picture.boxes)
+        assert all(y > top for w in picture.wires for line in w.lines for _, y in line)
+        up = [a for w in picture.wires for a in w.arrows if (a.dx, a.dy) == (0, -1)]
+        assert len({a.x for a in up}) == 2
+
+
+def chain(count, back=()):
+    """Blocks one behind the other, with feedback between places."""
+    sums = {j for _, j in back}
+    blocks = {f"b{k}": Add() if k in sums else Plant() for k in range(count)}
+    wires = [f"b{k} -> b{k + 1}.{'u0' if k + 1 in sums else 'u'}" for k in range(count - 1)]
+    wires += [f"b{i} -> b{j}.u1" for i, j in back]
+    return Diagram(title="chain", blocks=blocks, wires=wires, inputs={"u": "b0"}, outputs={"y": f"b{count - 1}"})
+
+
+def test_a_hundred_blocks_go_on_in_rows():
+    """They used to make one row of 8,942 pixels."""
+    picture = assert_lawful(chain(100, back=[(40, 30), (62, 12), (99, 3)]))
+    assert picture.width <= 1800
+    rows = sorted({b.y for b in picture.boxes if b.shape == "box"})
+    assert 4 <= len(rows) <= 8
+    assert picture.height < 2000
+    assert layout(chain(5)) == layout(chain(5), wrap=5000)
+
+
+def test_rows_are_as_even_as_they_can_be():
+    for count in (20, 27, 45):
+        blocks = [b for b in layout(chain(count), wrap=1000).boxes if b.shape == "box"]
+        held = [sum(b.y == y for b in blocks) for y in sorted({b.y for b in blocks})]
+        assert len(held) > 1
+        assert max(held) - min(held) <= 1
+
+
+@settings(deadline=None, max_examples=60)
+@given(diagrams(), st.sampled_from([300, 500, 800]))
+def test_drawings_in_rows_keep_the_laws(diagram, wrap):
+    assert_lawful(diagram, wrap=wrap)
+
+
+@settings(deadline=None, max_examples=40)
+@given(loops_beside_each_other(), st.sampled_from([300, 500]))
+def test_feedback_across_rows_keeps_the_laws(diagram, wrap):
+    assert_lawful(diagram, wrap=wrap)
+
+
+def test_a_gain_is_a_triangle_with_its_number():
+    loop = Diagram(
+        blocks={"error": Add(), "gain": Gain(gain=-0.25), "plant": Plant(), "sensor": Gain(gain=123.456)},
+        wires=["error -> gain -> plant -> sensor -> error.u1"],
+        inputs={"r": "error.u0"},
+        outputs={"y": "plant"},
+    )
+    picture = assert_lawful(loop)
+    ahead, back = box_of(picture, "gain"), box_of(picture, "sensor")
+    assert [t.text for t in ahead.labels if t.kind == "symbol"] == ["−0.25"]
+    assert [t.text for t in back.labels if t.kind == "symbol"] == ["123.5"]
+    assert ahead.corners[2][0] == ahead.x + ahead.width  # the tip, where the signal leaves
+    assert back.corners[2][0] == back.x
+    for box in (ahead, back):
+        (text,) = [t for t in box.labels if t.kind == "symbol"]
+        left, _, right, _ = text.extent
+        top, bottom = text.y - 0.73 * text.size, text.y  # of digits
+        (base, low), (_, high), (tip, y) = box.corners
+        for x, edge in ((left, top), (right, top), (left, bottom), (right, bottom)):
+            assert abs(edge - y) <= (low - high) / 2 * (tip - x) / (tip - base) + 0.5
+    assert [t.text for t in box_of(layout(loop, parameters=False), "gain").labels if t.kind == "symbol"] == ["K"]
+
+
+def test_blocks_show_the_values_of_their_parameters():
+    def written(block):
+        alone = Diagram(blocks={"b": block}, inputs={k: f"b.{k}" for k in block.inports})
+        labels = box_of(layout(alone), "b").labels
+        return [t.text for t in labels if t.kind == "symbol"]
+
+    assert written(Constant(value=0.5)) == ["0.5"]
+    assert written(Constant(value=np.pi / 6, unit="rad")) == ["30 deg"]
+    assert written(TransferFunction(num=[2.0], den=[0.02, 1.0, 0.0])) == ["2", "0.02s²+s"]
+    assert written(TransferFunction(num=[1.0, -3.0], den=[1.0, 0.0, 4e-7])) == ["s−3", "s²+4e−7"]
+    assert written(FirstOrderLag(gain=3, time_constant=0.1)) == ["3", "0.1s+1"]
+    assert written(MotorTransferFunction(K=2, tau=1)) == ["2", "s(s+1)"]
+    assert written(SecondOrderLag(gain=1, omega=10, zeta=0.7))[-1] == "K 1, ω 10, ζ 0.7"
+    assert written(Saturation(low=-24, high=24)) == ["sat", "−24 … 24"]
+    assert written(PID(kp=1.5, ki=2, kd=0)) == ["PID", "kp 1.5, ki 2, kd 0"]
+    assert written(TransferFunction(num=[1.0], den=[1.23456 + k for k in range(9)])) == ["b(s)", "a(s)"]  # too long
+
+
+def test_every_block_of_the_package_has_a_text_with_its_values():
+    with_values = [kind for kind in REGISTRY.values() if kind.symbol_with_values]
+    assert len(with_values) > 30
+    for kind in with_values:
+        text = values_of(kind())
+        assert text, kind
+        assert "{" not in text
+
+
+def test_a_faulty_pattern_leaves_the_symbol():
+    @block(register=False)
+    class Own(Block):
+        symbol = "own"
+        symbol_with_values = "{size} of {nothing}"
+        size: float = parameter(default=1.0, about="size")
+        y = Output("any")
+
+    (text,) = [t.text for t in box_of(layout(Diagram(blocks={"b": Own()})), "b").labels if t.kind == "symbol"]
+    assert text == "own"
+
+
+def test_long_names_are_written_in_full():
+    """They used to be cut at some twenty characters."""
+    long = "velocity_of_the_distal_end_in_the_workspace"
+    diagram = Diagram(
+        title="A title that says rather a lot. " * 4,
+        blocks={long: Plant(), "sum": Add()},
+        wires=[f"{long} -> sum.u1"],
+        inputs={"reference_position_of_the_motor": ["sum.u0", f"{long}.u"]},
+        outputs={"y": "sum"},
+    )
+    picture = assert_lawful(diagram)
+    assert "".join(t.text for t in box_of(picture, long).labels if t.kind == "name") == long
+    (terminal,) = [b for b in picture.boxes if b.name == "reference_position_of_the_motor"]
+    assert "".join(t.text for t in terminal.labels) == terminal.name
+    assert not any("…" in t.text for t in texts(picture))
+
+
+def test_the_inside_of_a_diagram_is_drawn_on_request():
+    outer = Diagram(title="Outer", blocks={"loop": INNER, "ref": Source()}, wires=["ref -> loop.r"])
+    whole = Diagram(title="Whole", blocks={"axis": outer})
+    picture = layout(whole, inside="axis.loop")
+    assert {b.name for b in picture.boxes} == {b.name for b in layout(INNER).boxes}
+    assert picture.title == "axis.loop: " + INNER.title
+    assert layout(whole, inside="axis.loop", highlight=["plant"]) != picture
+    with pytest.raises(TsmError, match=r"diagram 'Whole' has no diagram 'axes' inside. Did you mean 'axis'\?"):
+        to_svg(whole, inside="axes")
+    with pytest.raises(TsmError, match=r"'axis' of diagram 'Whole' has no diagram 'ref' inside. Known here: loop"):
+        to_svg(whole, inside="axis.ref")
+
+
+def contrast(one, two):
+    """Contrast of two colours by WCAG 2.2."""
+
+    def luminance(colour):
+        parts = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return linear @ [0.2126, 0.7152, 0.0722]
+
+    high, low = sorted((luminance(one), luminance(two)), reverse=True)
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize("colours", [LIGHT, DARK])
+def test_every_text_is_readable_in_both_themes(colours):
+    for name in ("ink", "soft", "signal", "accent"):
+        assert contrast(colours[name], colours["paper"]) >= 4.5
+    assert contrast(colours["accent"], colours["accent-fill"]) >= 4.5
+
+
+def test_a_drawing_follows_the_theme_and_stays_light_on_paper():
+    """It used to be white on a dark page."""
+    text = to_svg(cascade(), highlight=["tsm"])
+    style = text.partition("<style>")[2].partition("</style>")[0]
+    assert "@media screen and (prefers-color-scheme:dark)" in style
+    drawn = text.partition("</style>")[2]
+    used = set(re.findall(r"(?:fill|stroke)=\"(#\w+)\"", drawn))
+    assert used == set(LIGHT.values())  # what a program without style sheets draws
+    for colour in used:
+        assert f'[fill="{colour}"]' in style
+        assert f'[stroke="{colour}"]' in style
+    light, dark = to_svg(cascade(), theme="light"), to_svg(cascade(), theme="dark")
+    assert "<style" not in light + dark
+    assert set(re.findall(r"#\w{6}", light)) <= set(LIGHT.values())
+    assert set(re.findall(r"#\w{6}", dark)) <= set(DARK.values())
+    with pytest.raises(TsmError, match=r"no theme 'drak'. Did you mean 'dark'\?"):
+        to_svg(cascade(), theme="drak")
 
 
 # ---- SVG, PNG, names
@@ -530,7 +735,7 @@ def test_texts_are_escaped():
 
 def test_svg_needs_nothing_from_outside():
     text = to_svg(cascade(), highlight=["tsm"], values={"x_out": 1.0})
-    for word in ("<script", "<style", "<image", "url(", "@import", "href"):
+    for word in ("<script", "<image", "url(", "@import", "href"):
         assert word not in text
     assert text.count("http") == 1  # the name of the SVG language
 

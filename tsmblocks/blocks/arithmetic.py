@@ -28,6 +28,7 @@ class Gain(Block):
 
     source = "definition"
     symbol = "K"
+    symbol_with_values = "{gain}"
 
     gain: float = parameter(default=1.0, about="factor from input to output")
     unit: str = option(default="", about=UNIT)
@@ -216,6 +217,7 @@ class Convert(Block):
 
     source = "definition"
     symbol = "unit"
+    symbol_with_values = "{source_unit} → {target_unit}"
 
     source_unit: str = option(default="rad", about="unit of the input")
     target_unit: str = option(default="deg", about="unit of the output")
@@ -279,6 +281,7 @@ class Switch(Block):
 
     source = "definition"
     symbol = "switch"
+    symbol_with_values = "switch\n> {threshold}"
 
     threshold: float = parameter(default=0.5, about="control value from which the first input passes", unit="?c")
     u1 = Input("passes while control is at or above the threshold", unit="?u")

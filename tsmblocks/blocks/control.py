@@ -105,6 +105,7 @@ class PID(Block):
 
     source = "Paper, Eq (15)"
     symbol = "PID"
+    symbol_with_values = "PID\nkp {kp}, ki {ki}, kd {kd}"
 
     kp: float = parameter(default=1.0, about="proportional gain")
     ki: float = parameter(default=0.0, about="integral gain", unit="1/s")
@@ -141,6 +142,7 @@ class PIDController(Block):
 
     source = "Åström and Hägglund, PID Controllers (1995), sections 3.4 and 3.5"
     symbol = "PID"
+    symbol_with_values = "PID\nkp {kp}, ki {ki}, kd {kd}"
 
     kp: float = parameter(default=1.0, about="proportional gain")
     ki: float = parameter(default=0.0, about="integral gain", unit="1/s")
@@ -186,6 +188,7 @@ class LeadLag(Block):
 
     source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems, section 6.7"
     symbol = "lead-lag"
+    symbol_with_values = "{gain}({lead:s}+1)/({lag:s}+1)"
 
     gain: float = parameter(default=1.0, about="gain at rest")
     lead: float = parameter(default=0.1, about="time constant of the numerator", unit="s")

@@ -40,6 +40,7 @@ class Lag(Block):
 
     source = "definition; the exact response to a piecewise parabola"
     symbol = "1/(Ts+1)"
+    symbol_with_values = "1/({time_constant:s}+1)"
 
     time_constant: float = parameter(default=0.0, about="time to 63 % of a step", unit="s", at_least=0.0)
     u = Input("any signal", unit="?u")
@@ -99,6 +100,7 @@ class DeadTime(Block):
 
     source = "definition"
     symbol = "u(t-T)"
+    symbol_with_values = "u(t-{time})"
 
     time: float = parameter(default=0.0, about="how long ago", unit="s", at_least=0.0)
     initial: float = parameter(default=0.0, about='value before the run began, with start="value"', unit="?u")

@@ -28,6 +28,7 @@ class ZeroOrderHold(Block):
 
     source = "definition"
     symbol = "ZOH"
+    symbol_with_values = "ZOH\n{period} s"
     sampled = True
 
     period: float = _period()
@@ -80,6 +81,7 @@ class DiscreteTransferFunction(Block):
 
     source = "Oppenheim and Schafer, Discrete-Time Signal Processing, section 6.3 (direct form II)"
     symbol = "b(z)/a(z)"
+    symbol_with_values = "{num:z}/({den:z})"
     sampled = True
 
     period: float = _period()
@@ -152,6 +154,7 @@ class DiscretePID(Block):
 
     source = "Åström and Hägglund, PID Controllers (1995), section 3.6"
     symbol = "PID(z)"
+    symbol_with_values = "PID(z)\nkp {kp}, ki {ki}, kd {kd}"
     sampled = True
 
     period: float = _period()
@@ -232,6 +235,7 @@ class MovingAverage(Block):
 
     source = "definition"
     symbol = "mean"
+    symbol_with_values = "mean\n{length} samples"
     sampled = True
 
     period: float = _period()

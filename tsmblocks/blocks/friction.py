@@ -32,6 +32,7 @@ class CoulombFriction(Block):
 
     source = "Olsson and others, Friction models and friction compensation, Eur. J. Control 4 (1998) 176"
     symbol = "Coulomb"
+    symbol_with_values = "Coulomb\n{level}"
 
     level: float = parameter(default=0.02, about="friction while sliding", unit="?f", at_least=0.0)
     smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
@@ -82,6 +83,7 @@ class ViscousFriction(Block):
 
     source = "definition"
     symbol = "b v"
+    symbol_with_values = "{coefficient} v"
 
     coefficient: float = parameter(default=0.002, about="friction per velocity", at_least=0.0)
     v = Input("sliding velocity", unit="?v")
@@ -100,6 +102,7 @@ class QuadraticDrag(Block):
 
     source = "definition"
     symbol = "c|v|v"
+    symbol_with_values = "{coefficient}|v|v"
 
     coefficient: float = parameter(default=0.001, about="drag per velocity squared", at_least=0.0)
     v = Input("velocity", unit="?v")

@@ -21,6 +21,7 @@ class Overflow(Block):
 
     source = "definition; a weir with a straight characteristic"
     symbol = "rim"
+    symbol_with_values = "rim\n{rim}"
 
     rim: float = parameter(default=float("inf"), about="level h of the rim", unit="?x", finite=False)
     rate: float = parameter(default=1.0, about="flow k over the rim per level above it", above=0.0)

@@ -210,6 +210,7 @@ class DahlHysteresis(Block):
 
     source = "Dahl, AIAA J. 14 (1976) 1675; Ikhouane and Rodellar, Systems with Hysteresis (2007)"
     symbol = "Dahl"
+    symbol_with_values = "Dahl\n± {half_width:unit}"
 
     alpha_x: float = parameter(default=0.92295, about="slope of the transmission, stretch apart")
     rho: float = parameter(default=0.8745, about="share of the travel lost just after rest; 0: no loop", at_least=0.0)
@@ -253,6 +254,7 @@ class ElasticBacklash(Block):
 
     source = "definition; contains Dahl, AIAA J. 14 (1976) 1675, Play and TaoBacklash"
     symbol = "soft play"
+    symbol_with_values = "soft play\n± {half_width:unit}"
 
     alpha_x: float = parameter(default=0.916, about="slope of the transmission, stretch apart", above=0.0)
     rho: float = parameter(default=1.307, about="share of the travel lost just after a reversal", above=0.0)
@@ -330,6 +332,7 @@ class Play(Block):
 
     source = "Brokate and Sprekels, Hysteresis and Phase Transitions (1996), chapter 2"
     symbol = "play"
+    symbol_with_values = "play\n± {half_width}"
 
     half_width: float = parameter(default=0.2, about="half of the slack", unit="?u", at_least=0.0)
     gain: float = parameter(default=1.0, about="slope while the output moves")

@@ -25,6 +25,7 @@ class Integrator(Block):
 
     source = "definition"
     symbol = "∫"
+    symbol_with_values = "{gain:∫}"
 
     gain: float = parameter(default=1.0, about="factor on the input")
     low: float = parameter(default=-math.inf, about="smallest output", unit="?u*s", finite=False)
@@ -105,6 +106,7 @@ class FilteredDerivative(Block):
 
     source = "Åström and Hägglund, PID Controllers (1995), section 3.3"
     symbol = "s/(Ts+1)"
+    symbol_with_values = "s/({time_constant:s}+1)"
 
     time_constant: float = parameter(default=0.01, about="time constant of the filter", unit="s", above=0.0)
     u = Input("any signal", unit="?u")
@@ -127,6 +129,7 @@ class FirstOrderLag(Block):
 
     source = "definition"
     symbol = "K/(Ts+1)"
+    symbol_with_values = "{gain}/({time_constant:s}+1)"
 
     gain: float = parameter(default=1.0, about="output over input at rest")
     time_constant: float = parameter(default=0.05, about="time to 63 % of a step", unit="s", above=0.0)
@@ -155,6 +158,7 @@ class SecondOrderLag(Block):
 
     source = "definition"
     symbol = "Kω²/(s²+…)"
+    symbol_with_values = "Kω²/(s²+2ζωs+ω²)\nK {gain}, ω {omega}, ζ {zeta}"
 
     gain: float = parameter(default=1.0, about="output over input at rest")
     omega: float = parameter(default=125.66370614359172, about="natural frequency", unit="rad/s", above=0.0)
@@ -185,6 +189,7 @@ class Delay(Block):
 
     source = "definition"
     symbol = "e^(-Ts)"
+    symbol_with_values = "e^(-{time}s)"
 
     time: float = parameter(default=0.01, about="how long ago", unit="s", above=0.0)
     initial: float = parameter(default=0.0, about="value of the signal before the run began", unit="?u")

@@ -36,6 +36,7 @@ class Comparison(Block):
 
     source = "definition"
     symbol = "u > c"
+    symbol_with_values = "u {sign} {level}"
 
     sign: str = option(default=">", about="how the signal is compared", choices=(">", ">=", "<", "<="))
     level: float = parameter(default=0.0, about="the level c", unit="?u")

@@ -29,6 +29,7 @@ class TransferFunction(Block):
 
     source = "Åström and Murray, Feedback Systems, section 7.2 (reachable canonical form)"
     symbol = "b(s)/a(s)"
+    symbol_with_values = "({num:s})/({den:s})"
 
     num: tuple[float, ...] = parameter(default=(1.0,), about="numerator")
     den: tuple[float, ...] = parameter(default=(1.0,), about="denominator; its length sets the order")

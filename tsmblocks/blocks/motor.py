@@ -25,6 +25,7 @@ class MotorTransferFunction(Block):
 
     source = "Paper, section 5.1 and Fig. 9 (motor transfer function); numbers typical of the class"
     symbol = "K/s(τs+1)"
+    symbol_with_values = "{K}/(s({tau:s}+1))"
 
     K: float = parameter(default=2.0, about="speed per volt at the output shaft", unit="rad/(s*V)", above=0.0)
     tau: float = parameter(default=0.02, about="time constant of the speed", unit="s", above=0.0)

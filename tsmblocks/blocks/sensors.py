@@ -23,6 +23,7 @@ class Encoder(Block):
 
     source = "Paper, section 2: encoders of 3600 pulses per revolution"
     symbol = "encoder"
+    symbol_with_values = "encoder\n{counts} /rev"
 
     counts: float = parameter(default=3600.0, about="counts per revolution", unit="1/rev", above=0.0, known=True)
     rounding: str = option(default="nearest", about="which count is given", choices=("nearest", "down"))
@@ -44,6 +45,7 @@ class SensorNoise(Block):
 
     source = "definition"
     symbol = "+ noise"
+    symbol_with_values = "+ noise\nσ {std}"
 
     std: float = parameter(default=0.001, about="standard deviation", unit="?u", at_least=0.0)
     seed: int = option(default=0, about="seed; with the block's name it fixes the noise", at_least=0)
@@ -68,6 +70,7 @@ class Bias(Block):
 
     source = "definition"
     symbol = "+ b"
+    symbol_with_values = "+ {bias}"
 
     bias: float = parameter(default=0.0, about="added to the signal", unit="?u")
     u = Input("true value", unit="?u")

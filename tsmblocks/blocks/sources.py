@@ -44,6 +44,7 @@ class Constant(Block):
 
     source = "definition"
     symbol = "c"
+    symbol_with_values = "{value:unit}"
 
     value: float = parameter(default=1.0, about="the value", unit="?y")
     unit: str = option(default="", about=UNIT)
@@ -62,6 +63,7 @@ class Step(Block):
 
     source = "definition"
     symbol = "step"
+    symbol_with_values = "step\n{before:unit} → {after:unit} at {time} s"
 
     time: float = parameter(default=1.0, about="instant of the jump", unit="s")
     before: float = parameter(default=0.0, about="value before the jump", unit="?y")
@@ -82,6 +84,7 @@ class Ramp(Block):
 
     source = "definition"
     symbol = "ramp"
+    symbol_with_values = "ramp\n{slope:unit}"
 
     start: float = parameter(default=0.0, about="instant at which the ramp begins", unit="s")
     slope: float = parameter(default=1.0, about="rate of change while it rises", unit="?y/s")
@@ -102,6 +105,7 @@ class Sine(Block):
 
     source = "Paper, Figs 13 and 17: 55 degrees at 0.2 Hz"
     symbol = "sin"
+    symbol_with_values = "sin\n{amplitude:unit}, {frequency} Hz"
 
     amplitude: float = parameter(default=PAPER_AMPLITUDE, about="half of peak to peak", unit="?y")
     frequency: float = parameter(default=0.2, about="periods per second", unit="Hz", at_least=0.0)
@@ -155,6 +159,7 @@ class Chirp(Block):
 
     source = "definition (phase is the integral of the frequency)"
     symbol = "chirp"
+    symbol_with_values = "chirp\n{f0} … {f1} Hz"
 
     amplitude: float = parameter(default=PAPER_AMPLITUDE, about="half of peak to peak", unit="?y")
     f0: float = parameter(default=0.1, about="frequency at time zero", unit="Hz", at_least=0.0)
@@ -203,6 +208,7 @@ class Triangle(Block):
 
     source = "definition"
     symbol = "triangle"
+    symbol_with_values = "triangle\n{amplitude:unit}, {frequency} Hz"
 
     amplitude: float = parameter(default=PAPER_AMPLITUDE, about="half of peak to peak", unit="?y")
     frequency: float = parameter(default=0.2, about="periods per second", unit="Hz", at_least=0.0)

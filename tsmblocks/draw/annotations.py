@@ -71,6 +71,21 @@ def _names(diagram: Diagram, end: tuple[str, str]) -> list[str]:
     return [f"{name}.{one}" for one in names]
 
 
+def nested(diagram: Diagram, path: str) -> Diagram:
+    """The diagram inside a diagram at a path of names (``"controller.observer"``).
+
+    Raises TsmError where there is none.
+    """
+    inner, passed = diagram, ""
+    for name in filter(None, str(path).split(".")):
+        within = {k: block for k, block in inner.blocks.items() if isinstance(block, Diagram)}
+        if name not in within:
+            where = f"'{passed}' of diagram '{diagram.title}'" if passed else f"diagram '{diagram.title}'"
+            raise TsmError(f"{where} has no diagram '{name}' inside.{near(name, within)}")
+        inner, passed = within[name], f"{passed}.{name}".lstrip(".")
+    return inner
+
+
 def highlighted(diagram: Diagram, names: Iterable[str]) -> set[str]:
     """Blocks to highlight; a name inside a block that is a diagram marks that block.
 

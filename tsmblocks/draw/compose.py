@@ -5,20 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw import placement, routing
-from tsmblocks.draw.annotations import Loops, drawn_loops, highlighted, wire_texts
+from tsmblocks.draw.annotations import Loops, drawn_loops, highlighted, nested, wire_texts
+from tsmblocks.draw.folding import extents, folded
 from tsmblocks.draw.graph import End, Net, graph
 from tsmblocks.draw.ordering import rows
-from tsmblocks.draw.picture import SMALL, TITLE, Box, Label, Picture, Point, Wire, fitted, text_width
+from tsmblocks.draw.picture import SMALL, TITLE, Box, Label, Picture, Point, Wire, text_width, wrapped
 from tsmblocks.draw.polylines import traced
 from tsmblocks.draw.routing import Plan
-from tsmblocks.draw.shapes import box
+from tsmblocks.draw.shapes import MOST_LINES, box
 from tsmblocks.model.diagram import Diagram, required_diagram
 
 MARGIN = 24
-WIDEST = 900
-"""Width at which a title or source line is cut, when the drawing itself is narrower."""
+WRAP = 1800.0
+"""Width beyond which a drawing goes on in a new row [pixels]. Chosen: some twenty blocks, on a wide screen."""
+NARROWEST = 480.0
+"""Width at which a title is wrapped, when the drawing itself is narrower [pixels]."""
 
 
 def layout(
@@ -27,18 +31,23 @@ def layout(
     highlight: Iterable[str] = (),
     values: Mapping[str, Any] | None = None,
     loops: Iterable[Any] = (),
+    inside: str = "",
+    parameters: bool = True,
+    wrap: float = WRAP,
 ) -> Picture:
     """The diagram drawn: a value that holds every box, line and text with its coordinates.
 
     Signals flow from left to right, feedback runs below the blocks. Arguments and errors are those of ``to_svg``.
     Equal diagrams with their blocks in the same order give equal pictures.
     """
-    accent = highlighted(required_diagram(diagram, "drawn", TsmError), highlight)
+    diagram = nested(required_diagram(diagram, "drawn", TsmError), inside)
+    title = ": ".join(filter(None, (inside, diagram.title)))
+    accent = highlighted(diagram, highlight)
     marked = drawn_loops(diagram, loops)
     accent |= marked.blocks
     drawn = graph(diagram, marked.noted(wire_texts(diagram, values)))
     found = rows(drawn)
-    outlines, heights = placement.placed(drawn, found)
+    outlines, heights = placement.placed(drawn, found, parameters)
     plan = routing.routed(Plan(drawn, found, outlines, dict(heights)))
     for channel in plan.channels:
         plan.y |= dict.fromkeys(channel.loop.blocks, channel.y)
@@ -48,7 +57,8 @@ def layout(
         for key, node in drawn.nodes.items()
     ]
     wires = [_wire(diagram, plan, net, net.source[0] in turned, marked) for net in drawn.nets]
-    return _framed(diagram, boxes, [wire for wire in wires if wire.lines])
+    width = as_number("wrap", wrap, TsmError) - 2 * MARGIN
+    return _framed(title, diagram.source, *folded(boxes, [wire for wire in wires if wire.lines], plan.cuts, width))
 
 
 def _wire(diagram: Diagram, plan: Plan, net: Net, turned: bool, marked: Loops) -> Wire:
@@ -76,25 +86,22 @@ def _end_name(end: End) -> str:
     return ".".join(filter(None, (end[0].lstrip("<>"), end[1])))
 
 
-def _framed(diagram: Diagram, boxes: list[Box], wires: list[Wire]) -> Picture:
+def _framed(title: str, source: str, boxes: list[Box], wires: list[Wire]) -> Picture:
     """Everything moved to the right and below the title, with a margin around it."""
-    extents = [b.extent for b in boxes] + [label.extent for b in boxes for label in b.labels]
-    extents += [label.extent for w in wires for label in w.labels]
-    extents += [(*p, *p) for w in wires for line in w.lines for p in line]
-    lefts, tops, rights, bottoms = zip(*extents or [(0.0,) * 4], strict=True)
+    found = extents(boxes, wires) or [(0.0,) * 4]
+    lefts, tops, rights, bottoms = zip(*found, strict=True)
     left, top, right, bottom = min(lefts), min(tops), max(rights), max(bottoms)
     heads, y = [], float(MARGIN)
-    wide = max(right - left, WIDEST)
-    for text, high, kind in ((diagram.title, TITLE, "title"), (diagram.source, SMALL + 1, "source")):
-        if text:
+    for text, high, kind in ((title, TITLE, "title"), (source, SMALL + 1, "source")):
+        for line in wrapped(" ".join(text.split()), high, max(right - left, NARROWEST), MOST_LINES) if text else ():
             y += high
-            heads.append(Label(fitted(" ".join(text.split()), high, wide), MARGIN, y, high, kind, "start"))
+            heads.append(Label(line.strip(), MARGIN, y, high, kind, "start"))
             y += 6
     y += 18 if heads else 0
     width = max([right - left, *(text_width(h.text, h.size) for h in heads)]) + 2 * MARGIN
     dx, dy = round(MARGIN - left), round(y - top)
     return Picture(
-        diagram.title,
+        title,
         float(round(width + 1)),
         float(round(dy + bottom + MARGIN)),
         tuple(b.moved(dx, dy) for b in boxes),

@@ -9,6 +9,7 @@ from typing import Any
 import attrs
 
 from tsmblocks.draw import cycles
+from tsmblocks.draw.faces import symbol_of
 from tsmblocks.model.diagram import Diagram
 
 End = tuple[str, str]
@@ -16,6 +17,8 @@ End = tuple[str, str]
 
 SUMS, PRODUCTS = ("Σ", "Sum"), ("×", "Product")
 """Symbols of the blocks that are drawn as circles."""
+GAINS = ("K",)
+"""Symbols of the blocks that are drawn as triangles."""
 
 
 @attrs.define(eq=False)
@@ -125,16 +128,13 @@ def _read(diagram: Diagram, notes: Mapping[End, str]) -> tuple[dict[str, Node], 
 def _shape(block: Any, ins: tuple[str, ...], outs: tuple[str, ...]) -> str:
     if isinstance(block, Diagram):
         return "double"
+    if symbol_of(block) in GAINS and len(block.inports) == len(block.outports) == 1:
+        return "triangle"
     if symbol_of(block) not in (*SUMS, *PRODUCTS) or len(outs) > 1:
         return "box"
     if len(ins) <= 3:
         return "round"
     return "tall" if symbol_of(block) in SUMS else "box"
-
-
-def symbol_of(block: Any) -> str:
-    """The text in the box: the block's symbol, else its class name."""
-    return str(getattr(block, "symbol", "") or type(block).__name__)
 
 
 def sign_of(node: Node, port: str) -> str:

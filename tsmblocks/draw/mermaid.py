@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 
 from tsmblocks.common.errors import TsmError, without_controls
-from tsmblocks.draw.graph import PRODUCTS, SUMS, symbol_of
+from tsmblocks.draw.faces import symbol_of
+from tsmblocks.draw.graph import PRODUCTS, SUMS
 from tsmblocks.model.diagram import Diagram, required_diagram
 
 

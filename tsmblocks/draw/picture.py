@@ -6,6 +6,7 @@ Lengths are pixels, x to the right and y downwards. Everything that carries a wi
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from itertools import accumulate
 
@@ -25,9 +26,24 @@ FRAME = 4
 """Distance of the two frames around a diagram inside a diagram [pixels]."""
 NAME, SYMBOL, SMALL, TITLE = 12, 15, 10, 16
 """Font sizes of names, symbols, ports and signals, and the title [pixels]."""
-PAPER, INK, SOFT, SIGNAL = "#ffffff", "#1a1a1a", "#5a5a5a", "#1d4ed8"
-ACCENT, ACCENT_FILL = "#c2410c", "#fff1e8"
-"""Colours of highlighted blocks."""
+LIGHT = {
+    "paper": "#ffffff",
+    "ink": "#1a1a1a",
+    "soft": "#5a5a5a",
+    "signal": "#1d4ed8",
+    "accent": "#c2410c",
+    "accent-fill": "#fff1e8",
+}
+"""Colours by what they mean: background, lines, small print, signals, highlighted blocks and their inside."""
+DARK = {
+    "paper": "#161718",
+    "ink": "#ececec",
+    "soft": "#a9a9a9",
+    "signal": "#8ab4ff",
+    "accent": "#ff9a57",
+    "accent-fill": "#3a2213",
+}
+"""The same colours on a dark page."""
 
 _WIDTHS = {
     "'ijlI": 0.3,
@@ -63,6 +79,22 @@ def fitted(text: str, size: float, width: float) -> str:
     return text[:kept].rstrip() + "…"
 
 
+def wrapped(text: str, size: float, width: float, most: int) -> list[str]:
+    """The text in lines of at most ``width``, broken at spaces, underscores and capitals where it can be.
+
+    Beyond ``most`` lines it is cut with an ellipsis.
+    """
+    lines = [""]
+    for part in re.findall(r" *(?:[A-Z]?[^_ A-Z]+_*|[A-Z]|_+)", text) or [text]:
+        if text_width(lines[-1] + part, size) <= width or not lines[-1]:
+            lines[-1] += part
+        else:
+            lines.append(part.lstrip())
+    if len(lines) > most:
+        lines = [*lines[: most - 1], "".join(lines[most - 1 :])]
+    return [fitted(line, size, width) for line in lines]
+
+
 @attrs.frozen
 class Label:
     """A line of text. ``y`` is its baseline; ``anchor`` says which point of the text ``x`` is.
@@ -83,10 +115,10 @@ class Label:
         return "bold" if self.kind in ("title", "sign") else "normal"
 
     def colour(self, accent: bool) -> str:
-        """Colour of the text; ``accent`` where its block is highlighted."""
+        """Name of the colour of the text; ``accent`` where its block is highlighted."""
         if accent and self.kind in ("name", "symbol"):
-            return ACCENT
-        return {"source": SOFT, "port": SOFT, "signal": SIGNAL, "terminal": SIGNAL}.get(self.kind, INK)
+            return "accent"
+        return {"source": "soft", "port": "soft", "signal": "signal", "terminal": "signal"}.get(self.kind, "ink")
 
     @property
     def extent(self) -> Extent:
@@ -109,8 +141,8 @@ class Box:
     """One block or terminal: its outline and the texts and strokes that belong to it.
 
     ``shape`` is ``box``, ``double`` (a diagram inside the diagram), ``round`` (sum, product), ``tall``
-    (a sum of many inputs) or ``terminal``; ``about`` is the tooltip; ``accent`` where it is
-    highlighted.
+    (a sum of many inputs), ``triangle`` (gain) or ``terminal``; ``about`` is the tooltip; ``accent`` where it
+    is highlighted; ``turned`` where signals run through it to the left.
     """
 
     name: str
@@ -123,6 +155,7 @@ class Box:
     strokes: tuple[tuple[Point, Point], ...] = ()
     about: str = ""
     accent: bool = False
+    turned: bool = False
 
     @property
     def extent(self) -> Extent:
@@ -131,8 +164,15 @@ class Box:
 
     @property
     def colours(self) -> tuple[str, str]:
-        """Colours of the outline and of its inside."""
-        return (ACCENT, ACCENT_FILL) if self.accent else (INK, PAPER)
+        """Names of the colours of the outline and of its inside."""
+        return ("accent", "accent-fill") if self.accent else ("ink", "paper")
+
+    @property
+    def corners(self) -> tuple[Point, Point, Point]:
+        """Corners of a triangle, the last where its signal leaves."""
+        left, top, right, bottom = self.extent
+        base, tip = (right, left) if self.turned else (left, right)
+        return (base, bottom), (base, top), (tip, (top + bottom) / 2)
 
     @property
     def rim(self) -> float:
@@ -183,8 +223,8 @@ class Wire:
 
     @property
     def colour(self) -> str:
-        """Colour of its lines: the accent colour in an algebraic loop."""
-        return ACCENT if self.accent else INK
+        """Name of the colour of its lines: the accent colour in an algebraic loop."""
+        return "accent" if self.accent else "ink"
 
     def moved(self, dx: float, dy: float) -> Wire:
         """The same wire elsewhere."""

@@ -10,7 +10,7 @@ from tsmblocks.draw import simplex
 from tsmblocks.draw.graph import End, Graph
 from tsmblocks.draw.ordering import FLOOR, Link, Rows
 from tsmblocks.draw.picture import GRID
-from tsmblocks.draw.shapes import Outlines
+from tsmblocks.draw.shapes import BELOW, Outlines
 
 MAIN, PASSING, ALONE, BRANCH = 64, 24, 12, 4
 """Cost of a step in the main chain, a wire past blocks, a wire without branches, a branch. Chosen by eye."""
@@ -18,18 +18,19 @@ MOST = 2_000_000
 """Work spent on heights, in rules times exchanges: one or two seconds; only huge diagrams need more."""
 
 
-def placed(graph: Graph, found: Rows) -> tuple[Outlines, dict[str, int]]:
+def placed(graph: Graph, found: Rows, with_values: bool = True) -> tuple[Outlines, dict[str, int]]:
     """Outlines and heights. A first pass of heights determines from which side the circles are entered."""
-    first = Outlines(graph.nodes, sides(graph, found, {}))
-    outlines = Outlines(graph.nodes, sides(graph, found, heights(first, found)))
+    first = Outlines(graph.nodes, sides(graph, found, {}), with_values)
+    outlines = Outlines(graph.nodes, sides(graph, found, heights(first, found)), with_values)
     return outlines, heights(outlines, found)
 
 
 def sides(graph: Graph, found: Rows, y: Mapping[str, int]) -> dict[End, str]:
-    """The side on which each input of a circle is entered: ``left``, ``top`` or ``bottom``.
+    """The side on which each input of a circle is entered: ``left``, ``top``, ``bottom`` or ``below``.
 
     Inputs of a tall sum get their rank as text instead, so that they can be sorted. What comes from
-    further up enters further up; feedback comes from below. ``y`` are heights as far as known.
+    further up enters further up; feedback comes from below, beside another if it must
+    (``below``). ``y`` are heights as far as known.
     """
     place = found.place
     chosen: dict[End, str] = {}
@@ -62,7 +63,7 @@ def _around(links: list[Link], y: Mapping[str, int]) -> tuple[str, ...]:
     if len(links) == 1:
         return ("left",)
     if len(links) == 3:
-        return ("left", "bottom", "top") if fed_back[1] else ("top", "left", "bottom")
+        return ("left", "bottom", "below") if fed_back[1] else ("top", "left", "bottom")
     if fed_back[1] or links[0].main or links[1].main:
         return ("top", "left") if links[1].main and not fed_back[1] else ("left", "bottom")
     here = y.get(links[0].right[0], 0)
@@ -113,7 +114,7 @@ def _costs(link: Link, links: list[Link], chosen: Mapping[End, str]) -> tuple[in
     a long wire has to bend, it rather does so at its end than at its start.
     """
     side = chosen.get(link.right, "")
-    if side in ("top", "bottom"):
+    if side in ("top", *BELOW):
         return (BRANCH, 1) if side == "top" else (1, BRANCH)
     if link.main:
         return MAIN, MAIN

@@ -8,8 +8,8 @@ from typing import Any
 
 from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.errors import TsmError
-from tsmblocks.draw.compose import layout
-from tsmblocks.draw.picture import FRAME, PAPER, Box, Label, Picture, Point, Wire
+from tsmblocks.draw.compose import WRAP, layout
+from tsmblocks.draw.picture import FRAME, LIGHT, Box, Label, Picture, Point, Wire
 from tsmblocks.model.diagram import Diagram
 
 DPI = 100
@@ -25,6 +25,9 @@ def to_png(
     highlight: Iterable[str] = (),
     values: Mapping[str, Any] | None = None,
     loops: Iterable[Any] = (),
+    inside: str = "",
+    parameters: bool = True,
+    wrap: float = WRAP,
 ) -> None:
     """Draw a diagram into a PNG file.
 
@@ -42,6 +45,12 @@ def to_png(
         Texts and numbers on wires, as for ``to_svg``. None by default.
     loops : iterable of LoopReport or of sequences of str, optional
         Algebraic loops in the accent colour, as for ``to_svg``. None by default.
+    inside : str, optional
+        Block that is a diagram, whose inside is drawn instead, as for ``to_svg``.
+    parameters : bool, default True
+        Whether blocks show the values of their parameters, else their symbols.
+    wrap : float, default 1800
+        Width of a row at most [pixels], as for ``to_svg``.
 
     Raises
     ------
@@ -57,7 +66,8 @@ def to_png(
     >>> import tsmblocks as tsm
     >>> tsm.to_png(tsm.load("motor_linear"), "motor.png", scale=3)  # doctest: +SKIP
     """
-    drawing = dict(highlight=highlight, values=values, loops=loops)
+    drawing: dict[str, Any] = dict(highlight=highlight, values=values, loops=loops)
+    drawing |= dict(inside=inside, parameters=parameters, wrap=wrap)
     _print(diagram, Path(path), ".png", DPI * scale, drawing, {"Software": None})
 
 
@@ -68,6 +78,9 @@ def to_pdf(
     highlight: Iterable[str] = (),
     values: Mapping[str, Any] | None = None,
     loops: Iterable[Any] = (),
+    inside: str = "",
+    parameters: bool = True,
+    wrap: float = WRAP,
 ) -> None:
     """Draw a diagram into a PDF file of one page, made of lines and letters that can be searched.
 
@@ -83,6 +96,12 @@ def to_pdf(
         Texts and numbers on wires, as for ``to_svg``. None by default.
     loops : iterable of LoopReport or of sequences of str, optional
         Algebraic loops in the accent colour, as for ``to_svg``. None by default.
+    inside : str, optional
+        Block that is a diagram, whose inside is drawn instead, as for ``to_svg``.
+    parameters : bool, default True
+        Whether blocks show the values of their parameters, else their symbols.
+    wrap : float, default 1800
+        Width of a row at most [pixels], as for ``to_svg``.
 
     Raises
     ------
@@ -98,7 +117,8 @@ def to_pdf(
     >>> import tsmblocks as tsm
     >>> tsm.to_pdf(tsm.load("motor_linear"), "motor.pdf", highlight=["motor"])  # doctest: +SKIP
     """
-    drawing = dict(highlight=highlight, values=values, loops=loops)
+    drawing: dict[str, Any] = dict(highlight=highlight, values=values, loops=loops)
+    drawing |= dict(inside=inside, parameters=parameters, wrap=wrap)
     _print(diagram, Path(path), ".pdf", DPI, drawing, dict.fromkeys(("CreationDate", "Creator", "Producer")))
 
 
@@ -118,7 +138,7 @@ def _print(
         how = 'pip install "tsmblocks[plots]"'
         raise TsmError(f"a PNG or PDF file needs matplotlib; install it with: {how}") from error
     picture = layout(diagram, **drawing)
-    figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=dpi, facecolor=PAPER)
+    figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=dpi, facecolor=LIGHT["paper"])
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0, picture.width), ylim=(picture.height, 0))
     axes.set_axis_off()
@@ -138,7 +158,7 @@ def _paint(axes: Any, picture: Picture) -> None:
 
 def _text(axes: Any, label: Label, accent: bool = False) -> None:
     align = {"start": "left", "middle": "center", "end": "right"}[label.anchor]
-    font = dict(size=label.size * POINT, weight=label.weight, family="DejaVu Sans", color=label.colour(accent))
+    font = dict(size=label.size * POINT, weight=label.weight, family="DejaVu Sans", color=LIGHT[label.colour(accent)])
     plain = dict(parse_math=False, usetex=False)
     axes.text(label.x, label.y, label.text, ha=align, va="baseline", zorder=5, **font, **plain)
 
@@ -153,26 +173,29 @@ def _line(axes: Any, points: Iterable[Point], color: str, width: float, zorder: 
 def _wire(axes: Any, wire: Wire) -> None:
     from matplotlib.patches import Circle, Polygon
 
+    ink = LIGHT[wire.colour]
     for line in wire.lines:
-        _line(axes, line, wire.colour, 1.4, 1)
+        _line(axes, line, ink, 1.4, 1)
     for arrow in wire.arrows:
-        axes.add_patch(Polygon(arrow.corners, closed=True, facecolor=wire.colour, edgecolor="none", zorder=2))
-    for spot, fill in [(p, wire.colour) for p in wire.dots] + [(p, PAPER) for p in wire.taps]:
-        axes.add_patch(Circle(spot, 3, facecolor=fill, edgecolor=wire.colour, linewidth=1.4 * POINT, zorder=2))
+        axes.add_patch(Polygon(arrow.corners, closed=True, facecolor=ink, edgecolor="none", zorder=2))
+    for spot, fill in [(p, ink) for p in wire.dots] + [(p, LIGHT["paper"]) for p in wire.taps]:
+        axes.add_patch(Circle(spot, 3, facecolor=fill, edgecolor=ink, linewidth=1.4 * POINT, zorder=2))
 
 
 def _box(axes: Any, box: Box) -> None:
-    from matplotlib.patches import Circle, FancyBboxPatch
+    from matplotlib.patches import Circle, FancyBboxPatch, Polygon
 
     def frame(inset: float, rim: float, **pen: Any) -> None:
         width, height = box.width - 2 * inset, box.height - 2 * inset
         style = f"round,pad=0,rounding_size={rim}"
         axes.add_patch(FancyBboxPatch((box.x + inset, box.y + inset), width, height, boxstyle=style, **pen))
 
-    ink, fill = box.colours
+    ink, fill = (LIGHT[name] for name in box.colours)
     pen: dict[str, Any] = dict(facecolor=fill, edgecolor=ink, linewidth=(2.4 if box.accent else 1.6) * POINT, zorder=3)
     if box.shape in ("round", "terminal"):
         axes.add_patch(Circle((box.x + box.width / 2, box.y + box.height / 2), box.width / 2, **pen))
+    elif box.shape == "triangle":
+        axes.add_patch(Polygon(box.corners, closed=True, joinstyle="round", **pen))
     else:
         frame(0, box.rim, **pen)
     if box.shape == "double":

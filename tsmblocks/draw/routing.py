@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 import attrs
 
 from tsmblocks.draw.graph import End, Graph, Loop, Net
-from tsmblocks.draw.ordering import FLOOR, Link, Rows
+from tsmblocks.draw.ordering import FLOOR, LOW, Link, Rows
 from tsmblocks.draw.picture import GRID, RADIUS, SMALL, Arrow, text_width
 from tsmblocks.draw.polylines import Piece
-from tsmblocks.draw.shapes import Outlines
+from tsmblocks.draw.shapes import BELOW, Outlines
 from tsmblocks.draw.tracks import Trunk, arrange
 
 BEFORE, AFTER, TRACK, PLAIN = 14, 22, 12, 40
 """Room left of the vertical wires of a gap, right of them, between two; width of a gap without any [pixels]."""
+
+LANE = GRID
+"""Distance from the middle of a circle at which each of two wires enters it from below [pixels]."""
 
 Span = tuple[float, float]
 
@@ -53,9 +58,10 @@ class Plan:
     channels: list[Channel] = attrs.field(factory=list)
     pin: dict[End, float] = attrs.field(factory=dict)
     rising: set[End] = attrs.field(factory=set)
-    taken: dict[int, list[Span]] = attrs.field(factory=dict)
+    taken: dict[int, list[tuple[str, float, float]]] = attrs.field(factory=dict)
     trunks: list[list[Trunk]] = attrs.field(factory=list)
     x: dict[str, float] = attrs.field(factory=dict)
+    cuts: list[float] = attrs.field(factory=list)
     track_x: list[list[float]] = attrs.field(factory=list)
     pieces: dict[Net, list[Piece]] = attrs.field(factory=dict)
     arrows: dict[Net, list[Arrow]] = attrs.field(factory=dict)
@@ -84,6 +90,7 @@ def routed(plan: Plan) -> Plan:
     _pins(plan, fed_back=False)
     _channels(plan)
     _pins(plan, fed_back=True)
+    _lanes(plan)
     levels = [c.y for c in plan.channels]
     plan.trunks = [arrange(_trunks(plan, gap), levels) for gap in range(len(plan.rows.gaps))]
     _columns(plan)
@@ -159,10 +166,20 @@ def _pins(plan: Plan, fed_back: bool) -> None:
             beyond = start <= plan.pin[end] if side == "top" else start >= plan.pin[end]
             reach = (min(start, middle), max(start, middle))
             if beyond and _is_clear(plan, column, end[0], reach):
-                plan.taken.setdefault(column, []).append(reach)
+                plan.taken.setdefault(column, []).append((end[0], *reach))
                 plan.pin[end] = start
                 if fed_back:
                     plan.rising.add(end)
+
+
+def _lanes(plan: Plan) -> None:
+    """Where two feedbacks enter a circle from below: the one that comes from further right enters on the right."""
+    for node in plan.graph.nodes.values():
+        pair = [(node.key, port) for port in node.ins if plan.outlines.sides.get((node.key, port)) in BELOW]
+        if len(pair) == 2:
+            # Rising wires come from the right, the higher first; others come from the left, the lower first.
+            pair.sort(key=lambda end: plan.pin[end] if end in plan.rising else LOW - plan.pin[end])
+            plan.outlines.lanes.update(zip(pair, (LANE, -LANE), strict=True))
 
 
 def _floor(plan: Plan, link: Link) -> float:
@@ -178,7 +195,7 @@ def _is_clear(plan: Plan, column: int, key: str, reach: Span) -> bool:
         if plan.y[other] in reach if other.startswith("~") else other != key and low < bottom and top < high:
             return False
     seated = any(column in c.columns and c.y <= high for c in plan.channels)
-    return not seated and all(high <= a or b <= low for a, b in plan.taken.get(column, ()))
+    return not seated and all(k == key or high <= a or b <= low for k, a, b in plan.taken.get(column, ()))
 
 
 def _trunks(plan: Plan, gap: int) -> list[Trunk]:
@@ -224,6 +241,8 @@ def _columns(plan: Plan) -> None:
         before = [net for net in plan.graph.nets if plan.graph.column.get(net.source[0]) == gap - 1]
         labels = [_right_edge(plan, net.source[0]) + _label_room(net) - x for net in before]
         x += max([BEFORE if gap else 0.0, *labels])
+        if 0 < gap < len(plan.rows.columns):
+            plan.cuts.append(x - BEFORE / 4)  # here are nothing but wires that run across
         plan.track_x.append([x + TRACK * k for k in range(count)])
         if gap < len(plan.rows.columns):
             x += TRACK * max(count - 1, 0)
@@ -284,9 +303,10 @@ def _enter(plan: Plan, net: Net, end: End, x: float) -> None:
             plan.arrows[net].append(Arrow(edge, y, 1, 0))
     else:
         down = 1 if side == "top" else -1
-        edge = plan.y[end[0]] - down * RADIUS
-        plan.pieces[net] += [(x, y, middle, y), (middle, y, middle, edge)]
-        plan.arrows[net].append(Arrow(middle, edge, 0, down))
+        lane = plan.outlines.lanes.get(end, 0.0)
+        at, edge = middle + lane, plan.y[end[0]] - down * math.sqrt(RADIUS**2 - lane**2)
+        plan.pieces[net] += [(x, y, at, y), (at, y, at, edge)]
+        plan.arrows[net].append(Arrow(at, edge, 0, down))
 
 
 def _lead_back(plan: Plan, channel: Channel) -> None:
@@ -301,7 +321,7 @@ def _lead_back(plan: Plan, channel: Channel) -> None:
     last = loop.nets[-1]
     for end in last.back:
         if end in plan.rising:
-            goal = plan.x[end[0]]
+            goal = plan.x[end[0]] + plan.outlines.lanes.get(end, 0.0)
             _enter(plan, last, end, x)
         else:
             goal = next(at for t, at in plan.tracks(plan.graph.column[end[0]], last) if y in t.right)

@@ -77,8 +77,9 @@ class Block:
     ``Past``), and gives its equations with CasADi operations: ``outputs``, ``derivatives`` and ``updates``. One with
     ``sampled = True`` (and an option ``period``) is updated as the run starts and every period after, its outputs held
     in between; any other is updated once at the start of each step. ``source`` names the origin of the equations
-    (paper, book, "definition"); ``symbol`` is the text in drawings. One that ``switches`` its diagram ("enable",
-    "trigger") says by its output ``on`` when that acts.
+    (paper, book, "definition"); ``symbol`` is the text in drawings, ``symbol_with_values`` the text that shows
+    parameters, named in braces: ``"{gain}/({time_constant:s}+1)"``; ``{level:unit}`` adds the unit. One that
+    ``switches`` its diagram ("enable", "trigger") says by its output ``on`` when that acts.
 
     Parameters
     ----------
@@ -93,6 +94,7 @@ class Block:
 
     source: ClassVar[str] = ""
     symbol: ClassVar[str] = ""
+    symbol_with_values: ClassVar[str] = ""
     sampled: ClassVar[bool] = False
     switches: ClassVar[str] = ""
     _fields: ClassVar[dict[str, Field]] = {}  # parameters, options and states by name
