@@ -11,8 +11,9 @@ import pytest
 
 from tsmblocks.common import memory
 from tsmblocks.common.errors import DataError
-from tsmblocks.data import read
+from tsmblocks.data import formats, read
 from tsmblocks.data.record import Record
+from tsmblocks.data.structures import MAX_NESTING
 
 T = np.arange(20) / 10
 QUICK = 5.0
@@ -80,6 +81,17 @@ def test_as_many_columns_as_are_read_take_seconds_at_most(file):
 )
 def test_json_that_is_no_recording(content, text, file):
     assert refusal(file("a.json", content)).startswith(text)
+
+
+def test_lists_nested_deeper_than_is_read_are_left_out(file):
+    deep = '{"a": ' * (MAX_NESTING + 2) + "[1, 2, 3]" + "}" * (MAX_NESTING + 2)
+    found = read(file("a.json", f'{{"t": {list(range(9))}, "x": {list(range(9))}, "more": {deep}}}'))
+    assert found.names == ("x",)
+
+
+def test_json_of_lines_of_which_one_is_cut_off(file):
+    said = refusal(file("a.json", '{"t": 0, "x": 1}\n{"t": 1, "x"'))
+    assert said == "a.json: this is not JSON that can be read (Extra data: line 2 column 1 (char 17))."
 
 
 @pytest.mark.parametrize("number", ["9" * 5000, "1" + "0" * 400, "1e400", "-" + "9" * 5000])
@@ -173,6 +185,10 @@ def matrix(of_class, *parts, size=(2, 1)):
     return element(14, element(6, flags) + element(5, shape) + element(1, b"x") + b"".join(parts))
 
 
+def opaque(*parts):
+    return element(14, element(6, struct.pack("<II", 17, 0)) + element(1, b"x") + b"".join(parts))
+
+
 TWO = element(9, struct.pack("<2d", 1.0, 2.0))
 LENGTH = struct.pack("<HHi", 5, 4, 8)
 BROKEN = {
@@ -194,6 +210,13 @@ BROKEN = {
         "the places of a sparse array do not fit its size",
     ),
     "nested without end": (None, "too deep"),
+    "no array": (element(9, bytes(16)), "a variable begins with an element of type 9"),
+    "a short element of more than four bytes": (matrix(6, struct.pack("<HHI", 9, 8, 0)), "longer than four bytes"),
+    "a cell that ends within an element": (matrix(1, bytes(4), size=(1, 1)), "ends within an element"),
+    "flags of another size": (element(14, element(6, bytes(4))), "flags of an array have another size"),
+    "a text longer than its size": (matrix(4, element(16, b"abc"), size=(1, 2)), "a text is longer than its size"),
+    "an object of other names": (matrix(3, element(9, bytes(8))), "type 9 and 8 bytes stands where data are due"),
+    "a class of its own with half its names": (opaque(element(1, b"MCOS"), TWO), "type 9 and 16 bytes stands where"),
 }
 
 
@@ -209,6 +232,29 @@ def test_a_mat_file_that_scipy_would_follow_into_a_crash(case, compressed, file)
     said = refusal(file("a.mat", mat5(variable, compressed)))
     assert said.startswith("a.mat: this is not a MAT file that can be read (")
     assert text in said
+
+
+def test_a_mat_file_without_its_byte_order(file):
+    content = mat5(matrix(6, TWO)).replace(b"\x00\x01IM", b"\x00\x01IX")
+    said = "a.mat: this is not a MAT file that can be read (its byte order is not given)."
+    assert refusal(file("a.mat", content)) == said
+
+
+NAMES = (b"a", b"b", b"c", b"t", b"y")
+
+
+def test_objects_beside_signals_are_left_out_and_empty_cells_are_whole(file):
+    objects = [
+        opaque(element(1, b"MCOS"), element(1, b"timeseries"), matrix(6, TWO)),
+        matrix(3, element(1, b"kind"), LENGTH, element(1, b"one".ljust(8, b"\0")), matrix(6, TWO), size=(1, 1)),
+        matrix(1, element(14, b""), size=(1, 1)),
+    ]
+    signals = [matrix(6, element(9, np.arange(9.0).tobytes()), size=(9, 1))] * 2
+    variables = [v.replace(element(1, b"x"), element(1, n), 1) for n, v in zip(NAMES, objects + signals, strict=True)]
+    found = read(file("a.mat", mat5(b"".join(variables))))
+    assert found.names == ("y",)
+    assert found.values("y") == pytest.approx(np.arange(9.0))
+    assert "it holds objects of MATLAB" in refusal(file("b.mat", mat5(objects[0])))
 
 
 def test_mat_files_of_scipy_are_whole(tmp_path):
@@ -245,6 +291,16 @@ def test_a_cell_far_off_does_not_make_a_sheet_endless(tmp_path):
         read(path)
 
 
+def test_a_sheet_of_more_cells_than_are_read(tmp_path, monkeypatch):
+    openpyxl = pytest.importorskip("openpyxl")
+    book, path = openpyxl.Workbook(), tmp_path / "a.xlsx"
+    for k in range(10):
+        book.active.append((k, k * k))
+    book.save(path)
+    monkeypatch.setattr(formats, "MOST_CELLS", 19)
+    assert refusal(path) == "a.xlsx: the sheet 'Sheet' covers more than 19 cells."
+
+
 @pytest.mark.parametrize("part", ["xl/workbook.xml", "xl/worksheets/sheet1.xml"])
 def test_a_spreadsheet_with_a_part_that_is_broken(part, tmp_path):
     openpyxl = pytest.importorskip("openpyxl")
@@ -255,6 +311,31 @@ def test_a_spreadsheet_with_a_part_that_is_broken(part, tmp_path):
         for name in good.namelist():
             broken.writestr(name, good.read(name).replace(b"<sheet", b"<she") if name == part else good.read(name))
     assert refusal(path)
+
+
+def test_a_table_is_measured_before_it_is_read(tmp_path, monkeypatch):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    path = tmp_path / "a.parquet"
+    parquet.write_table(pyarrow.table({"t": np.zeros(10**6)}), path)
+    assert refusal(path, group="a") == "a.parquet: a group was given, but Parquet files have none."
+    monkeypatch.setattr(memory, "SMALL", 0)
+    monkeypatch.setattr(memory, "free_memory", lambda: 1e6)
+    assert refusal(path).startswith("a.parquet: reading it would take")
+
+
+def test_a_broken_mdf_file_and_a_group_that_there_is_not(tmp_path, file):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF(version="4.10") as made:
+        made.append([asammdf.Signal(np.sin(T), T, name="x")])
+        made.append([asammdf.Signal(np.full(20, np.nan), T / 2, name="lost")])
+        made.save(tmp_path / "run.mf4")
+    assert refusal(tmp_path / "run.mf4", group="7") == "run.mf4: there is no channel group '7'. Known here: 0, 1."
+    with pytest.raises(DataError, match="lost"):
+        read(tmp_path / "run.mf4", only=["lost"])
+    said = refusal(file("a.mf4", (tmp_path / "run.mf4").read_bytes()[:300]))
+    assert said.startswith("a.mf4: this is not an MDF file that can be read (")
 
 
 def test_columns_of_no_rows(tmp_path):
@@ -346,6 +427,33 @@ def test_groups_that_hold_themselves(hdf5):
 
 
 # ---- memory
+
+
+def test_files_of_more_data_sets_than_are_read(hdf5, monkeypatch):
+    from tsmblocks.data import hdf5 as reader
+
+    monkeypatch.setattr(reader, "MOST_ITEMS", 1)
+    assert refusal(hdf5("a.h5", lambda h5py, file: None)).startswith(
+        "a.h5: it leads to more than 1 groups and data sets."
+    )
+
+
+def test_types_and_empty_structures_beside_signals(hdf5):
+    def fill(h5py, file):
+        file["kind"] = np.dtype("f8")
+        file.create_group("empty").attrs["MATLAB_class"] = np.bytes_("struct")
+
+    assert read(hdf5("a.mat", fill)).names == ("x",)
+
+
+def test_data_in_other_files_whose_name_is_not_utf_8_are_refused(hdf5, tmp_path):
+    def fill(h5py, file):
+        plan = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        plan.set_external(bytes(tmp_path / "raw"), 0, 160)
+        space = h5py.h5s.create_simple(T.shape)
+        h5py.h5d.create(file.id, b"x\xb5m", h5py.h5t.NATIVE_DOUBLE, space, dcpl=plan)
+
+    assert refusal(hdf5("a.h5", fill)) == "a.h5: the data of '/x�m' are in another file, which is not read."
 
 
 def test_the_message_has_the_size_and_the_memory(monkeypatch):

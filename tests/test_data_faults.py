@@ -201,6 +201,14 @@ def test_repeated_rows_are_named_and_how_far_they_are_apart(file):
     )
 
 
+def test_repeated_rows_apart_where_nothing_moves_are_told(file):
+    rows = [(0.0, 1.0), (1.0, 0.0), (1.0, 2.0), *((k, 1.0) for k in range(2, 40))]
+    record = read(file("t,y\n" + "".join(f"{t},{y}\n" for t, y in rows)))
+    apart = "their values up to 2 apart (y, row 4, while neighbouring samples do not differ)"
+    assert apart in record.notes[0]
+    assert set(record["y"]) == {1.0}
+
+
 def test_repeated_rows_far_apart_beside_their_neighbours_are_told(file):
     slow = np.sin(np.arange(80) / 10)
     usual = np.sqrt(

@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record, cautions, noise
+from tsmblocks.data.noise_floor import fast_noise_of_recordings, noise_of_recordings
+from tsmblocks.data.periods import find_period
 from tsmblocks.data.quantization import quantum_of
 
 STEP = 0.01
@@ -142,6 +144,45 @@ def test_many_short_periods():
     x = periodic(T, 0.13)
     got = noise(record(u=x, y=x + white(0.05)), "y", inputs="u")
     assert (got.method, got.floor) == ("repeated periods", pytest.approx(0.05, rel=0.1))
+
+
+def test_two_periods_of_few_samples_are_found():
+    t = np.arange(17.0)
+    period, unlike = find_period(t, np.array([0.0, 2, 5, 1, -3, -6, -2, 0] * 3)[:17])
+    assert (period, unlike) == (8.0, pytest.approx(0.0, abs=1e-12))
+
+
+def test_a_signal_that_comes_back_far_from_itself_has_no_period():
+    t = np.arange(400) / 10
+    x = np.sin(2 * np.pi * t)
+    assert find_period(t, x)[0] == pytest.approx(1.0, rel=1e-6)
+    assert find_period(t, x + white(0.125, 400)) is None
+
+
+def test_repeats_whose_noise_fades_all_along_are_doubted():
+    x = periodic(T, 100.0)
+    made = [record(u=x, y=x + white(1.0, seed=k) * np.linspace(0.5, 0.01, 6000)) for k in range(2)]
+    got = noise(made, "y")
+    assert got.method == "high frequencies"
+    assert got.doubt.startswith("repeats: what is taken for noise does not settle (")
+
+
+@pytest.mark.parametrize("samples", [14, 20])
+def test_repeats_of_few_samples(samples):
+    x = periodic(T, 1.0)[:samples]
+    made = [record(T[:samples], u=x, y=x + white(0.05, samples, seed)) for seed in range(2)]
+    got = noise(made, "y")
+    assert got.method == ("high frequencies" if samples == 14 else "repeats")
+    assert got.floor == pytest.approx(0.05, rel=0.6)
+
+
+def test_recordings_of_one_input_that_answer_otherwise_are_no_repeats():
+    u = periodic(T, 100.0)
+    made = {str(k): record(u=u, y=(1 - 2 * k) * u + white(0.02, seed=k)) for k in range(2)}
+    floor, method = noise_of_recordings(made, "y", "", ["u"])
+    assert method == "high frequencies"
+    assert floor == pytest.approx(0.02, rel=0.1)
+    assert fast_noise_of_recordings(made, "y", "") == pytest.approx(0.02, rel=0.1)
 
 
 # ---- stand-still

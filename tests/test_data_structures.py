@@ -269,3 +269,18 @@ def test_structures_without_end_are_left():
     for _ in range(50):
         tree = {"inner": tree}
     assert signals_of(tree).arrays == {}
+
+
+def test_a_time_series_by_rows_and_one_without_samples(tmp_path):
+    series = dict(Time=T, Data=np.stack([X, Y]), DataInfo=dict(Units="deg"))
+    nothing = dict(Name="nothing", Time=T, Data=np.empty((0, 0)), DataInfo=dict(Units=""))
+    savemat(tmp_path / "a.mat", dict(angles=series, other=nothing))
+    found = read(tmp_path / "a.mat")
+    assert found.names == ("angles_1", "angles_2")
+    np.testing.assert_allclose(found["angles_2"], Y)
+
+
+def test_a_matrix_by_rows_with_as_many_names(tmp_path):
+    savemat(tmp_path / "a.mat", dict(log=np.stack([T, X, Y])))
+    found = read(tmp_path / "a.mat", columns=["t", "x_in", "x_out"])
+    np.testing.assert_allclose(found["x_out"], Y)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import sys
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import date, datetime, time
 from pathlib import Path
 from typing import Any, NoReturn
@@ -252,12 +255,7 @@ def open_mdf(path: Path, columns: Sequence[str] | None, group: str | None = None
     with path.open("rb") as start:
         if start.read(3) != b"MDF":  # of another file, asammdf leaves objects that fail when they are deleted
             raise DataError(f"{path}: this is not an MDF file: it does not begin with the letters MDF.")
-    try:
-        with MDF(path) as file:
-            groups = [_channels(file, k) for k in range(len(file.groups))]
-            names = [str(getattr(one.channel_group, "acq_name", "") or k) for k, one in enumerate(file.groups)]
-    except Exception as error:  # asammdf raises errors of any kind on a damaged file
-        raise DataError(f"{path}: this is not an MDF file that can be read ({error}).") from None
+    groups, names = _channel_groups(path, MDF)
     if group is not None:
         chosen = [k for k, name in enumerate(names) if group in (name, str(k))]
         if not chosen:
@@ -269,6 +267,30 @@ def open_mdf(path: Path, columns: Sequence[str] | None, group: str | None = None
         return made
     note = f"Interpolated at the times of the group with most samples: {', '.join(slower)}."
     return Arrays(made.origin, made.headings, (*made.notes, note), columns=made.columns)
+
+
+def _channel_groups(path: Path, reader: Any) -> tuple[list[list[Channel]], list[str]]:
+    """The channels of each group of an MDF file, and the names of the groups. Raises DataError where it is damaged."""
+    with _failing_deletions_ignored():
+        try:
+            with reader(path) as file:
+                groups = [_channels(file, k) for k in range(len(file.groups))]
+                named = enumerate(file.groups)
+                return groups, [str(getattr(one.channel_group, "acq_name", "") or k) for k, one in named]
+        except Exception as error:  # asammdf raises errors of any kind on a damaged file
+            said = str(error)
+        gc.collect()  # such an object may be part of a cycle
+    raise DataError(f"{path}: this is not an MDF file that can be read ({said}).")
+
+
+@contextmanager
+def _failing_deletions_ignored() -> Iterator[None]:
+    """Show no traceback of an object that fails when it is deleted, as asammdf leaves them of damaged files."""
+    shown, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        yield
+    finally:
+        sys.unraisablehook = shown
 
 
 Channel = tuple[str, np.ndarray, np.ndarray, str]

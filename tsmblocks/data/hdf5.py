@@ -131,11 +131,8 @@ class _Content:
 
 
 def _path(item: Any) -> str:
-    """Where an item lies in the file, or ``?``, which h5py does not say of names that are not UTF-8."""
-    try:
-        return str(item.name)
-    except UnicodeDecodeError:
-        return "?"
+    """Where an item lies in the file."""
+    return _name(item.name)
 
 
 def _holds_references(item: Any) -> bool:

@@ -47,7 +47,9 @@ def refuse_doubtful(
     ``wanted`` is as for assumed_units, ``where`` what the message calls the record, ``usage`` says how units are given.
     """
     peaks = {
-        k: float(np.abs(record[k]).max(initial=0.0)) for k, unit in _bare(record, wanted).items() if _is_radian(unit)
+        k: float(np.abs(record[k]).max(initial=0.0))
+        for k, unit in _bare(record, wanted).items()
+        if units.same(unit, "rad")
     }
     peaks = {k: peak for k, peak in peaks.items() if peak > MAX_PLAUSIBLE_ANGLE}
     if not peaks:
@@ -74,10 +76,3 @@ def how_to_map(name: str, *, bare: bool) -> str:
 def _bare(record: Record, wanted: Mapping[str, str]) -> dict[str, str]:
     """The units that signals without one are taken to be in."""
     return {k: unit for k, unit in wanted.items() if unit and k in record and not record.unit(k)}
-
-
-def _is_radian(label: str) -> bool:
-    try:
-        return units.same(label, "rad")
-    except units.UnitError:
-        return False

@@ -35,12 +35,10 @@ def find_period(t: np.ndarray, x: np.ndarray) -> tuple[float, float] | None:
         return None
     x = x / np.ptp(x)
     unlike = _unlikeness(x, n // 2 + 1)
-    away = np.flatnonzero(unlike > MIN_UNLIKENESS)
-    if not len(away):
-        return None
+    away = np.flatnonzero(unlike > MIN_UNLIKENESS).min(initial=len(unlike))
     lag = np.arange(1, len(unlike) - 1)
     between = min(0.3 * float(unlike[1]), 0.05)  # what half a sample beside the period may add
-    low = (unlike[1:-1] <= unlike[:-2]) & (unlike[1:-1] <= unlike[2:]) & (lag > away[0])
+    low = (unlike[1:-1] <= unlike[:-2]) & (unlike[1:-1] <= unlike[2:]) & (lag > away)
     low &= unlike[1:-1] < MAX_UNLIKENESS + between
     if not low.any():
         return None

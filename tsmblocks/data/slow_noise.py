@@ -311,7 +311,8 @@ def _burstiness(models: Weighted) -> float:
     """How many times more the mean square varies from part to part than the models have it; 1 at least."""
     stretches = models.stretches
     count = sum(len(s.x) for s in stretches)
-    parts = [p for s in stretches for p in np.array_split(s.x - s.x.mean(), max(1, BLOCKS * len(s.x) // count))]
+    shares = [min(max(1, BLOCKS * len(s.x) // count), len(s.x)) for s in stretches]
+    parts = [p for s, k in zip(stretches, shares, strict=True) for p in np.array_split(s.x - s.x.mean(), k)]
     squares = np.array([np.mean(p**2) for p in parts])
     if len(squares) < 4 or not squares.mean() > 0:
         return 1.0
