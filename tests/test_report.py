@@ -468,9 +468,9 @@ def test_how_many_effects_were_tried_is_said_and_the_others_are_a_next_step():
     alone = attrs.evolve(NAMED, effects=(attrs.evolve(BACKLASH, also_possible=()),))
     assert "Also possible: none of the 3 other effects tried." in verdict_text.verdict_sentence(alone)
     few = attrs.evolve(alone, ranking=alone.ranking[:2])
-    assert "Also possible: not the one other effect tried." in verdict_text.verdict_sentence(few)
+    assert "Also possible: none (one other effect was tried)." in verdict_text.verdict_sentence(few)
     one = attrs.evolve(alone, ranking=alone.ranking[:1])
-    assert "Also possible: no other effect was tried." in verdict_text.verdict_sentence(one)
+    assert "Also possible: none (no other effect was tried)." in verdict_text.verdict_sentence(one)
     assert diagnosis(NAMED).to_dict()["effects_tried"] == 4
     count = len({e.name for e in catalogue()} - {m.name for m in LIMITS} - {"dead_time"})
     assert f"Try the other {count} effects of the catalogue as well" in verdict_text.next_steps(UNKNOWN)[0]

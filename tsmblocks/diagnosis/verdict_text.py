@@ -55,7 +55,7 @@ def _no_other(segment: Segment) -> str:
     count = len(set(segment.effects_tried) - {e.name for e in segment.effects})
     if count > 1:
         return f"none of the {count} other effects tried"
-    return "not the one other effect tried" if count else "no other effect was tried"
+    return "none (one other effect was tried)" if count else "none (no other effect was tried)"
 
 
 def _none_tried(segment: Segment) -> str:
