@@ -192,7 +192,7 @@ MISTAKES = {
     ),
     "unit that overflows": (
         [("[inputs]", '[inputs]\na = { ports = [], unit = "h^9*h^9*h^9*h^9" }')],
-        ["20: input 'a': 'h^9*h^9*h^9*h^9' is not a unit known here: its size cannot be held."],
+        ["20: input 'a': 'h^9*h^9*h^9*h^9' is not a unit known here: its size is out of range."],
     ),
     "input and block": (
         [("[inputs]", "[inputs]\nref = []")],

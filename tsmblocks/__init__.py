@@ -1,8 +1,9 @@
 """Block diagrams for mechanisms with friction, backlash and hysteresis: model, control, diagnose.
 
-The packages stand in layers, and each imports only what is below it: ``common``; ``model`` (blocks and diagrams as
+The packages form layers, and each imports only from the layers below it: ``common``; ``model`` (blocks and diagrams as
 values); ``compiler`` (a diagram as one set of equations); ``engine`` (equations at a fixed step); ``simulation``; then
-``fitting``, ``diagnosis`` and what else is built on runs; at the top ``html``, ``plots`` and ``cli``, which present it.
+``fitting``, ``diagnosis`` and the other packages that use runs; at the top ``html``, ``plots`` and ``cli``, which
+present the results.
 
 How a diagram becomes machine code, in the order of reading:
 

@@ -200,12 +200,12 @@ def test_pid_gives_way_at_its_limit():
         ),
         ("DiscreteStateSpace.A must be a list of rows, such as [[1, 0], [0, 1]].", DiscreteStateSpace, dict(A=(0.9,))),
         (
-            "DiscreteStateSpace.B must have 2 rows of 1, as the other matrices have it, got rows of length 1.",
+            "DiscreteStateSpace.B must have 2 rows of 1, to match the other matrices, got rows of length 1.",
             DiscreteStateSpace,
             dict(A=[[0.9, 0.0], [0.0, 0.9]], B=[[0.1]], C=[[1.0, 0.0]]),
         ),
         (
-            "DiscreteStateSpace.D must have 1 rows of 1, as the other matrices have it, got rows of length 2.",
+            "DiscreteStateSpace.D must have 1 rows of 1, to match the other matrices, got rows of length 2.",
             DiscreteStateSpace,
             dict(**LAG, D=[[0.0, 1.0]]),
         ),

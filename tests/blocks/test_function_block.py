@@ -122,10 +122,10 @@ def test_refuses_signatures_that_are_no_block():
     wanted = "must be a number or a tuple of numbers, got"
     refused(f"text: the default of 'mode' {wanted} 'fast'. Without a default it would be an input.", text)
     refused(f"truth: the default of 'flag' {wanted} True. Without a default it would be an input.", truth)
-    refused("bare: 'k' stands after '*' without a default. Give it a number as default.", bare)
-    refused("hidden: parameter 'k' stands before '/', but parameters are given by name.", hidden)
+    refused("bare: 'k' is keyword only ('*') and has no default. Give it a number as default.", bare)
+    refused("hidden: parameter 'k' is positional only ('/'), but parameters are given by name.", hidden)
     refused("late: 't' is the time and must be the first argument.", late)
-    refused("clash: 'y' names two things. Choose another name, or say outputs=('…',).", clash)
+    refused("clash: 'y' is used twice. Choose another name, or name the outputs: outputs=('…',).", clash)
     refused("reserved: 'source' cannot name an input, a parameter or an output. Choose another name.", reserved)
 
 

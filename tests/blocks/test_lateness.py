@@ -340,10 +340,10 @@ def test_the_derivative_of_a_delayed_rate_is_exact():
 
 def test_refuses_bad_values():
     refuses("Lag.time_constant must lie in [0, inf), got -1. It is: time to 63 % of a step [s].", Lag, time_constant=-1)
-    refuses("DeadTime.time must lie in [0, inf), got -0.1. It is: how long ago [s].", DeadTime, time=-0.1)
+    refuses("DeadTime.time must lie in [0, inf), got -0.1. It is: length of the delay [s].", DeadTime, time=-0.1)
     refuses(
         "DeadTime.start is 'last', which is not a choice. Known here: first, value. "
-        "It is: what it holds before the start.",
+        "It is: whether the first input or initial holds before the start.",
         DeadTime,
         start="last",
     )

@@ -294,7 +294,7 @@ def test_names_of_state_spaces_are_checked(kind):
         ({"output_names": ["class"]}, f"output_names: 'class' {how}"),
         (
             {"state_names": ["w"], "output_names": ["w [rad]"]},
-            "output_names: 'w' is taken already; states, inputs and outputs need names of their own.",
+            "output_names: 'w' is taken already; states, inputs and outputs need different names.",
         ),
     ):
         with pytest.raises(ParameterError) as caught:
@@ -349,11 +349,11 @@ def test_refuses_bad_numbers():
     refuses("Integrator needs low < high, got low=2, high=1.", Integrator, low=2, high=1)
     refuses("Integrator.gain must be finite, got inf. It is: factor on the input.", Integrator, gain=float("inf"))
     refuses(
-        "Integrator.reset must be true or false, got 1. It is: whether there is a port that sets the integral back.",
+        "Integrator.reset must be true or false, got 1. It is: whether there is a port that resets the integral.",
         Integrator,
         reset=1,
     )
-    refuses("Delay.time must lie in (0, inf), got 0. It is: how long ago [s].", Delay, time=0)
+    refuses("Delay.time must lie in (0, inf), got 0. It is: length of the delay [s].", Delay, time=0)
     refuses(
         "FirstOrderLag.time_constant must lie in (0, inf), got -1. It is: time to 63 % of a step [s].",
         FirstOrderLag,

@@ -219,7 +219,7 @@ def test_refuses_a_grid_that_is_none():
     def refused(message, **changes):
         refuses(message, LookupTable2D, **{**grid, **changes})
 
-    transposed = "2 rows of 3. Rows and columns look exchanged: transpose the values."
+    transposed = "2 rows of 3. Rows and columns seem to be exchanged: transpose the values."
     refused(shape + transposed, values=((0, 2, 4), (1, 3, 5)))
     refused(shape + "2 rows of 2.", values=((0, 1), (2, 3)))
     refused(shape + "3 rows of 1 and 2.", values=((0, 1), (2, 3), (4,)))

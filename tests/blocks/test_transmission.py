@@ -460,7 +460,9 @@ def test_refuses_bad_values():
         "RateDependence.exponent must lie in [0.2, 4], got 5. It is: power n of the rate.", RateDependence, exponent=5
     )
     refuses(
-        "Resonance.share must lie in [0, 1], got -0.1. It is: share of the signal that swings.", Resonance, share=-0.1
+        "Resonance.share must lie in [0, 1], got -0.1. It is: share of the signal that resonates.",
+        Resonance,
+        share=-0.1,
     )
-    refuses("Bow.width must lie in (0, inf), got 0. It is: distance d over which it is added.", Bow, width=0)
-    refuses("Jump.width must lie in (0, inf), got 0. It is: time over which it is rounded [s].", Jump, width=0)
+    refuses("Bow.width must lie in (0, inf), got 0. It is: distance d over which it builds up.", Bow, width=0)
+    refuses("Jump.width must lie in (0, inf), got 0. It is: time over which the change is rounded [s].", Jump, width=0)

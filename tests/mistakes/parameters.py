@@ -212,9 +212,7 @@ def a_matrix_of_uneven_rows():
     StateSpace(A=[[0.0, 1.0], [2.0]], B=[[0.0], [1.0]], C=[[1.0, 0.0]])
 
 
-@mistake(
-    ParameterError, "StateSpace.B must have 2 rows of 1, as the other matrices have it, got rows of length 1, 1, 1."
-)
+@mistake(ParameterError, "StateSpace.B must have 2 rows of 1, to match the other matrices, got rows of length 1, 1, 1.")
 def a_matrix_of_another_size():
     StateSpace(A=[[0.0, 1.0], [-2.0, -1.0]], B=[[0.0], [1.0], [2.0]], C=[[1.0, 0.0]])
 
@@ -238,7 +236,7 @@ def no_inputs():
 
 @mistake(
     ParameterError,
-    "RateLimit.start is 'inputs', which is not a choice. Did you mean 'input'? It is: where the output begins.",
+    "RateLimit.start is 'inputs', which is not a choice. Did you mean 'input'? It is: whether the output starts at the input or at last.",
 )
 def a_word_that_is_no_choice():
     RateLimit(start="inputs")
@@ -259,7 +257,7 @@ def a_number_where_a_word_belongs():
 
 @mistake(
     ParameterError,
-    "RateLimit.start is 0, which is not a choice. Known here: input, last. It is: where the output begins.",
+    "RateLimit.start is 0, which is not a choice. Known here: input, last. It is: whether the output starts at the input or at last.",
 )
 def a_number_where_a_choice_belongs():
     RateLimit(start=0.0)
@@ -325,7 +323,7 @@ def a_table_that_goes_back():
 
 @mistake(
     ParameterError,
-    "LookupTable2D.values must be 3 rows (one for each of points1) of 2 numbers (one for each of points2), got 2 rows of 3. Rows and columns look exchanged: transpose the values.",
+    "LookupTable2D.values must be 3 rows (one for each of points1) of 2 numbers (one for each of points2), got 2 rows of 3. Rows and columns seem to be exchanged: transpose the values.",
 )
 def a_table_on_its_side():
     LookupTable2D(points1=(0.0, 1.0, 2.0), points2=(0.0, 1.0), values=((0.0, 1.0, 2.0), (3.0, 4.0, 5.0)))

@@ -21,10 +21,7 @@ def _numbered_inputs(about: str, unit: str = "") -> Any:
 
 @block
 class Gain(Block):
-    r"""A signal times a constant.
-
-    .. math:: y = K u
-    """
+    r"""Gain: a signal times a constant. .. math:: y = K u"""
 
     source = "definition"
     symbol = "K"
@@ -41,7 +38,7 @@ class Gain(Block):
 
 @block
 class Sum(Block):
-    r"""Signals added and subtracted.
+    r"""Sum and difference of signals.
 
     .. math:: y = \pm u_1 \pm u_2 \pm \dots
 
@@ -77,10 +74,7 @@ class Sum(Block):
 
 @block
 class Product(Block):
-    r"""Signals multiplied.
-
-    .. math:: y = u_1 u_2 \cdots u_n
-    """
+    r"""Product of signals. .. math:: y = u_1 u_2 \cdots u_n"""
 
     source = "definition"
     symbol = "×"
@@ -100,13 +94,13 @@ class Divide(Block):
 
     .. math:: y = \frac{n}{d}
 
-    Where the denominator passes zero the result is infinite or undefined, and the run says so.
+    Where the denominator passes zero the result is infinite or undefined, and the run ends with an error.
     """
 
     source = "definition"
     symbol = "÷"
     singular: ClassVar[str] = "den = 0"
-    """Where the block is not finite by its nature."""
+    """Where the result is not finite by definition."""
 
     num = Input("numerator")
     den = Input("denominator, which must not pass zero")
@@ -118,10 +112,7 @@ class Divide(Block):
 
 @block
 class Abs(Block):
-    r"""Magnitude of a signal.
-
-    .. math:: y = |u|
-    """
+    r"""Magnitude of a signal. .. math:: y = |u|"""
 
     source = "definition"
     symbol = "|u|"
@@ -135,10 +126,7 @@ class Abs(Block):
 
 @block
 class Sign(Block):
-    r"""Direction of a signal: 1, -1, or 0 at zero.
-
-    .. math:: y = \operatorname{sgn} u
-    """
+    r"""Direction of a signal: 1, -1, or 0 at zero. .. math:: y = \operatorname{sgn} u"""
 
     source = "definition"
     symbol = "sgn"
@@ -152,10 +140,7 @@ class Sign(Block):
 
 @block
 class Square(Block):
-    r"""A signal times itself.
-
-    .. math:: y = u^2
-    """
+    r"""Square of a signal. .. math:: y = u^2"""
 
     source = "definition"
     symbol = "u²"
@@ -173,8 +158,7 @@ class Power(Block):
 
     .. math:: y = K u \left(u^2 + u_0^2\right)^{(n - 1)/2}
 
-    Away from zero it is :math:`K |u|^n \operatorname{sgn} u`; below :math:`u_0` it is linear, as flow in a narrow
-    gap is.
+    Away from zero it is :math:`K |u|^n \operatorname{sgn} u`; below :math:`u_0` it is linear, as flow in a narrow gap.
     """
 
     source = "definition; for n = 1/2 Torricelli's law"
@@ -182,7 +166,7 @@ class Power(Block):
 
     exponent: float = parameter(default=0.5, about="power n", at_least=0.1, at_most=10.0)
     gain: float = parameter(default=1.0, about="factor K")
-    smoothing: float = parameter(default=1e-3, about="value u0 below which it is straight", unit="?u", above=0.0)
+    smoothing: float = parameter(default=1e-3, about="value u0 below which it is linear", unit="?u", above=0.0)
     u = Input("any signal", unit="?u")
     y = Output("the signal raised to the power")
 
@@ -193,10 +177,7 @@ class Power(Block):
 
 @block
 class Tanh(Block):
-    r"""Hyperbolic tangent, a smooth change from -1 to 1.
-
-    .. math:: y = \tanh u
-    """
+    r"""Hyperbolic tangent, a smooth change from -1 to 1. .. math:: y = \tanh u"""
 
     source = "Paper, eqs (9) and (13): the smooth change between two slopes"
     symbol = "tanh"
@@ -210,10 +191,7 @@ class Tanh(Block):
 
 @block
 class Convert(Block):
-    r"""The same quantity in another unit.
-
-    .. math:: y = c\, u
-    """
+    r"""The same quantity in another unit. .. math:: y = c\, u"""
 
     source = "definition"
     symbol = "unit"
@@ -236,10 +214,7 @@ class Convert(Block):
 
 @block
 class Minimum(Block):
-    r"""The smallest of several signals.
-
-    .. math:: y = \min(u_1, \dots, u_n)
-    """
+    r"""The smallest of several signals. .. math:: y = \min(u_1, \dots, u_n)"""
 
     source = "definition"
     symbol = "min"
@@ -255,10 +230,7 @@ class Minimum(Block):
 
 @block
 class Maximum(Block):
-    r"""The largest of several signals.
-
-    .. math:: y = \max(u_1, \dots, u_n)
-    """
+    r"""The largest of several signals. .. math:: y = \max(u_1, \dots, u_n)"""
 
     source = "definition"
     symbol = "max"

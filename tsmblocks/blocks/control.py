@@ -1,6 +1,6 @@
 """Blocks that compensate and control: the paper's observer, slope, compensator and PID, and two general ones.
 
-The formulas of the transmission come from the hysteresis family, so plant and compensator cannot drift apart.
+The formulas of the transmission come from the hysteresis family, so plant and compensator cannot differ.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class HysteresisObserver(Block):
 
     .. math:: \dot{\hat\zeta} = A v - \vartheta |v| \hat\zeta + \delta |v|
 
-    Printed without the dot on the left. The paper drives it with the rate of the reference; driven
+    The paper prints it without the dot on the left. The paper drives it with the rate of the reference; driven
     with the measured rate of the motor it estimates better, because that is what moves the plant.
     """
 
@@ -136,7 +136,7 @@ class PIDController(Block):
         u = \min(\max(w, u_{low}), u_{high}) \\
         \dot I &= k_I (r - y_m) + k_{aw} (u - w)
 
-    The weights b and c say how much of the reference the proportional and the derivative action see. By default it has
+    b and c weight the reference in the proportional and the derivative action. By default it has
     no limits and no integral action; without integral action (kI = 0) there is no anti-windup either.
     """
 

@@ -92,22 +92,24 @@ class DeadTime(Block):
 
     .. math:: y(t) = u(t - T)
 
-    It runs along the cubic through four instants, of which the present is one where T is less than a step; so at T = 0
-    the signal passes bit for bit, and the output has its slope in T there as anywhere. Unlike Delay it passes its input
-    on at the same instant, breaks no algebraic loop, and draws the jumps of samples out over a step. Before the start,
-    ``start="first"`` holds the first value of the input and ``start="value"`` the number ``initial``.
+    It is interpolated by the cubic through four instants, of which the present is one where T is less than a step; so
+    at T = 0 the signal passes bit for bit, and the derivative of the output by T is exact there too. Unlike Delay it
+    has direct feedthrough, breaks no algebraic loop, and spreads the jumps of sampled signals over a step. Before the
+    start, ``start="first"`` holds the first value of the input and ``start="value"`` the number ``initial``.
     """
 
     source = "definition"
     symbol = "u(t-T)"
     symbol_with_values = "u(t-{time})"
 
-    time: float = parameter(default=0.0, about="how long ago", unit="s", at_least=0.0)
+    time: float = parameter(default=0.0, about="length of the delay", unit="s", at_least=0.0)
     initial: float = parameter(default=0.0, about='value before the run began, with start="value"', unit="?u")
-    start: str = option(default="first", about="what it holds before the start", choices=("first", "value"))
+    start: str = option(
+        default="first", about="whether the first input or initial holds before the start", choices=("first", "value")
+    )
     u = Input("any signal", unit="?u")
-    past = Past("the signal as it was", of="u", by="time", initial="initial", now=True)
-    y = Output("the signal, late", unit="?u")
+    past = Past("the signal one delay ago", of="u", by="time", initial="initial", now=True)
+    y = Output("the delayed signal", unit="?u")
 
     @property
     def past_ports(self) -> dict[str, Past]:

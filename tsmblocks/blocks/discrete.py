@@ -1,7 +1,7 @@
-"""Sampled blocks, each at a period of its own beside continuous ones.
+"""Sampled blocks, each with its own period, next to continuous ones.
 
 The first sample is taken as the run starts, whatever the time is then. At a sample instant the outputs
-are formed from the old state and the present inputs and then held; after that the state moves on.
+are formed from the old state and the present inputs and then held; then the state is updated.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def _period() -> Any:
 
 @block
 class ZeroOrderHold(Block):
-    r"""Sampler that holds its input until the next sample.
+    r"""Zero-order hold: samples its input and holds it until the next sample.
 
     .. math:: y(t) = u(kT), \qquad kT \le t < (k + 1) T
     """
@@ -41,10 +41,7 @@ class ZeroOrderHold(Block):
 
 @block
 class UnitDelay(Block):
-    r"""Delay by one sample.
-
-    .. math:: y_k = u_{k-1}
-    """
+    r"""Delay by one sample. .. math:: y_k = u_{k-1}"""
 
     source = "definition"
     symbol = "1/z"
@@ -68,15 +65,15 @@ class UnitDelay(Block):
 
 @block
 class DiscreteTransferFunction(Block):
-    r"""Linear sampled block given by its coefficients, highest power of z first.
+    r"""Discrete transfer function given by its coefficients, highest power of z first.
 
     .. math::
 
         \frac{Y(z)}{U(z)} = \frac{b_0 z^n + \dots + b_n}{a_0 z^n + \dots + a_n}, \qquad
         a_0 w_k = u_k - \sum_{i=1}^n a_i w_{k-i}, \quad y_k = \sum_{i=0}^n b_i w_{k-i}
 
-    A short numerator is padded with zeros on the left; without :math:`b_0` the input does not
-    reach the output at the same sample.
+    A short numerator is padded with zeros on the left; without :math:`b_0` the input does not reach the output at the
+    same sample (no direct feedthrough).
     """
 
     source = "Oppenheim and Schafer, Discrete-Time Signal Processing, section 6.3 (direct form II)"
@@ -107,12 +104,12 @@ class DiscreteTransferFunction(Block):
 
 @block
 class DiscreteStateSpace(Block):
-    r"""Linear sampled block given by its matrices, with any number of inputs and outputs.
+    r"""Discrete state-space model given by its matrices, with any number of inputs and outputs.
 
     .. math:: x_{k+1} = A x_k + B u_k, \qquad y_k = C x_k + D u_k
 
-    Ports are named as those of ``StateSpace``. Without D no input reaches an output at the same sample. Without any
-    matrix the signal passes unchanged.
+    Ports are named as those of ``StateSpace``. Without D there is no direct feedthrough. Without any matrix the signal
+    passes unchanged.
     """
 
     source = "Åström and Wittenmark, Computer-Controlled Systems, section 2.3"
@@ -191,7 +188,7 @@ class DiscretePID(Block):
 
 @block
 class DiscreteIntegrator(Block):
-    r"""Running sum in place of an integral.
+    r"""Discrete integrator: a running sum instead of an integral.
 
     .. math::
 
@@ -228,10 +225,7 @@ class DiscreteIntegrator(Block):
 
 @block
 class MovingAverage(Block):
-    r"""Mean of the last samples.
-
-    .. math:: y_k = \frac1n \sum_{i=0}^{n-1} u_{k-i}
-    """
+    r"""Moving average: the mean of the last samples. .. math:: y_k = \frac1n \sum_{i=0}^{n-1} u_{k-i}"""
 
     source = "definition"
     symbol = "mean"

@@ -4,8 +4,8 @@ One sign convention: ``y`` is the force that the motion has to overcome, positiv
 ``v``; an equation of motion subtracts it. Units are free (``?v``, ``?f``); the defaults are in
 rad/s and N*m, of the size of a small geared motor at its output shaft.
 
-Signs are rounded with tanh over a ``smoothing`` velocity: a jump at rest cannot be stepped over at a fixed step, and
-has no slope for a fit to follow. Below that velocity a body creeps; where it must stick, use Dahl or LuGre friction.
+Signs are rounded with tanh over a ``smoothing`` velocity: a discontinuity at rest cannot be integrated at a fixed step,
+and has no derivative for a fit. Below that velocity a body creeps; where it must stick, use Dahl or LuGre friction.
 """
 
 from __future__ import annotations
@@ -25,10 +25,7 @@ def _stribeck_level(block: Any, v: Any) -> Any:
 
 @block
 class CoulombFriction(Block):
-    r"""Dry friction of constant level.
-
-    .. math:: y = F_c \tanh(v / v_0)
-    """
+    r"""Coulomb friction: dry friction of constant level. .. math:: y = F_c \tanh(v / v_0)"""
 
     source = "Olsson and others, Friction models and friction compensation, Eur. J. Control 4 (1998) 176"
     symbol = "Coulomb"
@@ -76,10 +73,7 @@ class AsymmetricFriction(Block):
 
 @block
 class ViscousFriction(Block):
-    r"""Friction in proportion to the velocity.
-
-    .. math:: y = b v
-    """
+    r"""Viscous friction: a force proportional to the velocity. .. math:: y = b v"""
 
     source = "definition"
     symbol = "b v"
@@ -95,10 +89,7 @@ class ViscousFriction(Block):
 
 @block
 class QuadraticDrag(Block):
-    r"""Drag that grows with the square of the velocity and opposes it.
-
-    .. math:: y = c |v| v
-    """
+    r"""Drag that grows with the square of the velocity and opposes it. .. math:: y = c |v| v"""
 
     source = "definition"
     symbol = "c|v|v"
@@ -114,7 +105,7 @@ class QuadraticDrag(Block):
 
 @block
 class StribeckFriction(Block):
-    r"""Dry friction that falls from a static to a Coulomb level as sliding sets in, plus viscous friction.
+    r"""Stribeck friction: dry friction that falls from a static to a Coulomb level at low speed, plus viscous friction.
 
     .. math:: y = \left[F_c + (F_s - F_c)\, e^{-(v/v_s)^2}\right] \tanh(v / v_0) + b v
 
@@ -139,7 +130,7 @@ class StribeckFriction(Block):
 
 @block
 class DahlFriction(Block):
-    r"""Dry friction that builds up over a small displacement, like a spring that yields.
+    r"""Dahl friction: dry friction that builds up over a small displacement, like a spring that yields.
 
     .. math:: \dot z = v - \frac{\sigma_0 |v|}{F_c} z, \qquad y = \sigma_0 z
 
@@ -164,7 +155,7 @@ class DahlFriction(Block):
 
 @block
 class LuGreFriction(Block):
-    r"""Friction of bristles that bend before they slide, with Stribeck effect.
+    r"""LuGre friction: bristles that bend before they slide, with Stribeck effect.
 
     .. math::
 

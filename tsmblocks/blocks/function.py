@@ -1,4 +1,4 @@
-"""A block of a plain Python function, for what no block of the toolbox does."""
+"""A block made of a plain Python function, where the toolbox has no such block."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def function_block(
     about: Mapping[str, str] | None = None,
     register: bool = True,
 ) -> Any:
-    """Make a block of a Python function.
+    """Make a block from a Python function.
 
     A decorator, with or without arguments; the block class has the name of the function. Arguments without a default
     are input ports, arguments with one are parameters; a first argument ``t`` is the time [s]. The function uses
@@ -108,7 +108,9 @@ def _signature(function: Callable[..., Any], name: str) -> tuple[list[str], dict
             raise BlockError(f"{name}({stars}{key}) cannot be a block: name each input and each parameter.")
         if argument.default is not argument.empty:
             if argument.kind is argument.POSITIONAL_ONLY:
-                raise BlockError(f"{name}: parameter '{key}' stands before '/', but parameters are given by name.")
+                raise BlockError(
+                    f"{name}: parameter '{key}' is positional only ('/'), but parameters are given by name."
+                )
             if not _is_default(argument.default):
                 raise BlockError(
                     f"{name}: the default of '{key}' must be a number or a tuple of numbers, "
@@ -116,7 +118,7 @@ def _signature(function: Callable[..., Any], name: str) -> tuple[list[str], dict
                 )
             numbers[key] = argument.default
         elif argument.kind is argument.KEYWORD_ONLY:
-            raise BlockError(f"{name}: '{key}' stands after '*' without a default. Give it a number as default.")
+            raise BlockError(f"{name}: '{key}' is keyword only ('*') and has no default. Give it a number as default.")
         else:
             inputs.append(key)
     timed = inputs[:1] == ["t"]
@@ -132,12 +134,15 @@ def _is_default(value: Any) -> bool:
 
 
 def _check_names(name: str, names: list[str], units: Mapping[str, str], about: Mapping[str, str]) -> None:
-    """Raise BlockError for a name that is not free or used twice, for words about another name, for unknown units."""
+    """Raise BlockError for a name that is not free or used twice, for unknown names of units or meanings, unknown
+    units."""
     for key in names:
         if not key.isidentifier() or key.startswith("_") or hasattr(Block, key) or key in ("function", "t"):
             raise BlockError(f"{name}: '{key}' cannot name an input, a parameter or an output. Choose another name.")
         if names.count(key) > 1:
-            raise BlockError(f"{name}: '{key}' names two things. Choose another name, or say outputs=('…',).")
+            raise BlockError(
+                f"{name}: '{key}' is used twice. Choose another name, or name the outputs: outputs=('…',)."
+            )
     for what, given in (("units", units), ("about", about)):
         for key in given:
             if key not in names:

@@ -1,4 +1,4 @@
-"""Blocks of tanks and other vessels: what overflows."""
+"""Blocks of tanks and other vessels: the overflow."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tsmblocks.model.block import Block, Input, Output, block, parameter
 
 @block
 class Overflow(Block):
-    r"""A flow into a vessel that runs over its rim: part of what is spilt may be caught elsewhere.
+    r"""Overflow of a vessel: the inflow less the flow over the rim, part of which may be caught elsewhere.
 
     .. math:: q = k \max(x - h, 0), \qquad y = u - q, \qquad y_{spilt} = s\, q
 

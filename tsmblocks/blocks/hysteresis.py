@@ -41,7 +41,7 @@ def hysteresis_state(block: Any, t: Any, x: Any, u: Any) -> dict[str, Any]:  # n
 
 
 def play(u: Any, half_width: Any, memory: Any) -> Any:
-    """Output of a play operator: the memory, pushed along where the input's band leaves it.
+    """Output of a play operator: the memory, moved along where it leaves the band around the input.
 
     At an edge of the band, where every step begins while the slack is taken up, the derivative is that of the
     input; a maximum would take the mean of both sides there, and half the rate would be passed on.
@@ -63,7 +63,7 @@ def check_weights(block: Any) -> None:
 
 
 def _reduced_power(zeta: Any, n: Any) -> Any:
-    """``|zeta|**(n - 1)`` with finite slopes at zero, for n of 1 and above."""
+    """``|zeta|**(n - 1)`` with finite derivatives at zero, for n of 1 and above."""
     return ca.fmax(ca.fabs(zeta), SMALLEST_BASE) ** (n - 1)
 
 
@@ -106,7 +106,7 @@ class AsymmetricBoucWen(Block):
 
 @block
 class GeneralizedBoucWen(Block):
-    r"""Hysteresis whose loop is shaped separately in six phases of travel.
+    r"""Generalised Bouc-Wen hysteresis, whose loop is shaped separately in six phases of travel.
 
     .. math::
 
@@ -115,7 +115,7 @@ class GeneralizedBoucWen(Block):
              + \beta_3 \operatorname{sgn}(x\zeta) + \beta_4 \operatorname{sgn}(v)
              + \beta_5 \operatorname{sgn}(\zeta) + \beta_6 \operatorname{sgn}(x)
 
-    The paper's vector of signs did not survive printing; this is the form of Song and
+    The paper's vector of signs is illegible in print; this is the form of Song and
     Der Kiureghian (2006), which gives the loop of the paper's Fig. 5 with the printed numbers. Pretension and
     accumulated curve angle of the sheath are fixed, as for ``AsymmetricBoucWen``.
     """
@@ -239,9 +239,10 @@ class ElasticBacklash(Block):
         \sigma &= \operatorname{sgn}(v)\, \frac{\zeta}{w(y)}, \qquad
         w(y) = w_0 \left[1 + g_\uparrow \max(y, 0) + g_\downarrow \max(-y, 0)\right]
 
-    The stretch :math:`\zeta` runs from one side of the slack to the other, and the tool follows the more of the travel
-    the nearer it comes to the end. Just after a reversal dy/dx is :math:`\alpha_x (1 - \rho)`: with :math:`\rho = 1`
-    the loop has flat tops, above it the tool first swings back, as in the paper's loops. With :math:`r \to 0` and
+    The stretch :math:`\zeta` moves from one side of the slack to the other; the nearer it is to the end, the larger the
+    share of the travel that the tool follows. Just after a reversal dy/dx is :math:`\alpha_x (1 - \rho)`: with
+    :math:`\rho = 1` the loop has flat tops, above it the tool first swings back, as in the paper's loops. With :math:`r
+    \to 0` and
     :math:`\rho = 1` it is play; with opposite growths as well it is Tao's backlash, with the slopes
     :math:`\alpha_x / (1 \pm \alpha_x w_0 g_\uparrow)`; with :math:`r = 1` and no growth it is Dahl's law with half of
     :math:`\rho`. It does not depend on the rate. With one state, inner loops close only as far as the corners are
@@ -295,8 +296,8 @@ class TaoBacklash(Block):
 
     Coded as its solution over a step in which the input does not turn,
     :math:`y = \max(c_1 (u - B_1), \min(c_2 (u + B_2), m))` with the output m at its start, so it is exact on the grid.
-    With unequal slopes the lines meet at :math:`u = (c_1 B_1 + c_2 B_2) / (c_1 - c_2)`; beyond that point the law means
-    nothing. The paper prints no numbers for it; the defaults are of the size of its loops.
+    With unequal slopes the lines meet at :math:`u = (c_1 B_1 + c_2 B_2) / (c_1 - c_2)`; beyond that point the law is
+    not defined. The paper prints no numbers for it; the defaults are of the size of its loops.
     """
 
     source = "Paper, Eq (1); Tao and Kokotović, Systems with Actuator and Sensor Nonlinearities (1996)"
@@ -349,7 +350,7 @@ class Play(Block):
 
 @block
 class PrandtlIshlinskii(Block):
-    r"""Weighted sum of play operators: rounded loops, with inner loops that close.
+    r"""Prandtl-Ishlinskii hysteresis: a weighted sum of play operators, with inner loops that close.
 
     .. math:: y = w_0 u + \sum_i w_i \max(u - r_i, \min(u + r_i, m_i))
     """
@@ -360,7 +361,9 @@ class PrandtlIshlinskii(Block):
     weight0: float = parameter(default=0.1, about="weight of the input itself (radius zero)")
     radii: tuple[float, ...] = parameter(default=(0.1, 0.2, 0.3), about="half of each slack", unit="?u", at_least=0.0)
     weights: tuple[float, ...] = parameter(default=(0.2, 0.3, 0.3), about="weight of each play")
-    x0: tuple[float, ...] = parameter(default=(), about="where each play starts; an empty list means zeros", unit="?u")
+    x0: tuple[float, ...] = parameter(
+        default=(), about="initial state of each play; an empty list means zeros", unit="?u"
+    )
     u = Input("displacement of the driving side", unit="?u")
     y = Output("displacement of the driven side", unit="?u")
 

@@ -18,13 +18,13 @@ LONG_AGO = -1e9
 
 @block
 class Saturation(Block):
-    r"""Hard limit of an actuator.
+    r"""Saturation: hard limits of an actuator.
 
     .. math:: y = \min(\max(u, l), h)
 
     The paper says that the drive gives the motor between 0 and 24 V. A sine needs both directions, so 24 V is taken as
     the largest magnitude: with 0 to 24 V the motor never returns, and the diagram of Fig. 9(b) leaves an error of 110
-    deg peak to peak. Where one limit alone is given, the other is its opposite.
+    deg peak to peak. Where only one limit is given, the other is its opposite.
     """
 
     source = "Paper, section 5.1: between 0 and 24 V; taken in both directions"
@@ -44,7 +44,7 @@ class Saturation(Block):
 
 @block
 class SoftSaturation(Block):
-    r"""Limit of an actuator or a spring that is reached gradually.
+    r"""Soft saturation: limits of an actuator or a spring that are reached gradually.
 
     .. math:: y = u - s \ln\left(1 + e^{(u - h)/s}\right) + s \ln\left(1 + e^{(l - u)/s}\right)
 
@@ -85,10 +85,7 @@ def _log_rounding(away: Any, softness: Any) -> Any:
 
 @block
 class DeadZone(Block):
-    r"""Dead zone: no output until the input leaves the zone.
-
-    .. math:: y = \max(u - h, 0) + \min(u - l, 0)
-    """
+    r"""Dead zone: no output until the input leaves the zone. .. math:: y = \max(u - h, 0) + \min(u - l, 0)"""
 
     source = "definition"
     symbol = "dead zone"
@@ -135,13 +132,13 @@ class SoftDeadZone(Block):
 
 @block
 class RateLimit(Block):
-    r"""A value that follows its input no faster than the limits allow.
+    r"""Rate limit: the output follows the input no faster than the limits allow.
 
     .. math:: y(t) = \min(\max(u,\; y_k + f (t - t_k)),\; y_k + r (t - t_k))
 
-    with :math:`y_k` the output at the start of the step, :math:`t_k`. The defaults are a motor of
-    3 rad/s. With ``start="input"`` the first value passes as it is, with ``start="last"`` the output
-    sets out from the state ``last`` at time zero.
+    with :math:`y_k` the output at the start of the step, :math:`t_k`. The defaults are a motor of 3 rad/s. With
+    ``start="input"`` the first value passes as it is, with ``start="last"`` the output starts from the state ``last``
+    at time zero.
     """
 
     source = "definition"
@@ -150,7 +147,9 @@ class RateLimit(Block):
 
     rising: float = parameter(default=3.0, about="fastest rise", unit="?u/s", above=0.0, opposite="falling")
     falling: float = parameter(default=-3.0, about="fastest fall, negative", unit="?u/s", below=0.0, opposite="rising")
-    start: str = option(default="input", about="where the output begins", choices=("input", "last"))
+    start: str = option(
+        default="input", about="whether the output starts at the input or at last", choices=("input", "last")
+    )
     u = Input("wanted value", unit="?u")
     y = Output("value within the rate limits", unit="?u")
     last: float = state(default=0.0, about="output at the start of the step", unit="?u")
@@ -163,7 +162,7 @@ class RateLimit(Block):
     def _limited(self, t: Any, x: Any, u: Any) -> Any:
         passed = t - x.time
         slowest, fastest = x.last + self.falling * passed, x.last + self.rising * passed
-        # As each step begins all three are equal, and it is the slope of the input that goes on.
+        # As each step begins all three are equal, and the slope of the input continues.
         return ca.if_else(u.u > fastest, fastest, ca.if_else(u.u < slowest, slowest, u.u))
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
@@ -175,15 +174,15 @@ class RateLimit(Block):
 
 @block
 class SoftRateLimit(Block):
-    r"""A drive that follows its input, nears its greatest speed gradually, and then catches up with a lag.
+    r"""Soft rate limit: a drive that approaches its greatest speed gradually, and then catches up with a lag.
 
     .. math::
 
         \dot y = w - s \ln\left(1 + e^{(w - r)/s}\right) + s \ln\left(1 + e^{(f - w)/s}\right), \qquad
         w = \dot u + (u - y)/T
 
-    with w held over each step as :math:`(u - y_k - (u_k - y_k) e^{-(t - t_k)/T})/(t - t_k)`. It tends to
-    ``RateLimit`` as s and T fall. The first value passes as it is; with limits out of reach all others do.
+    with w held over each step as :math:`(u - y_k - (u_k - y_k) e^{-(t - t_k)/T})/(t - t_k)`. It tends to ``RateLimit``
+    as s and T fall. The first value passes as it is; with limits that are never reached all others do too.
     """
 
     source = "definition; the soft limit is that of SoftSaturation"
@@ -200,7 +199,7 @@ class SoftRateLimit(Block):
     u = Input("wanted value", unit="?u")
     y = Output("value within the rate limits", unit="?u")
     last: float = state(default=0.0, about="input at the start of the step", unit="?u")
-    behind: float = state(default=0.0, about="how far the output lies behind it", unit="?u")
+    behind: float = state(default=0.0, about="input less output at the start of the step", unit="?u")
 
     @property
     def states(self) -> dict[str, State]:
@@ -229,8 +228,8 @@ class Relay(Block):
         m_k = \begin{cases} 1 & u_k \ge a \\ 0 & u_k \le b \\ m_{k-1} & b < u_k < a \end{cases}, \qquad
         y = l + (h - l) m_k
 
-    with :math:`u_k` the input at the start of the step. It switches there and holds within the step, up
-    to a step late; with ``locate=True`` it switches at the instant itself.
+    with :math:`u_k` the input at the start of the step. It switches there and holds within the step, up to a step late;
+    with ``locate=True`` it switches at the located instant.
     """
 
     source = "definition"
@@ -254,7 +253,7 @@ class Relay(Block):
         return dict(active=ca.if_else(u.u >= self.on, 1.0, stays))
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
-        # From the memory only: stages that cross a level and come back would act without being remembered.
+        # From the memory only: stages that cross a level and return would act without a change of the memory.
         return dict(y=self.low + (self.high - self.low) * x.active)
 
 

@@ -19,7 +19,7 @@ class Integrator(Block):
     .. math:: \dot z = K u \text{ unless it leads past a limit}, \qquad y = \min(\max(z, l), h)
 
     With ``reset=True`` there is a port ``reset``: where it is above 0.5 at the start of a step (with ``locate=True`` at
-    the instant itself) the integral is set to its initial state, with ``target=True`` to the value at the port ``to``.
+    the located instant) the integral is set to its initial state, with ``target=True`` to the value at the port ``to``.
     With ``enable=True`` there is a port ``enable``: at 0.5 and below the integral is held.
     """
 
@@ -30,10 +30,12 @@ class Integrator(Block):
     gain: float = parameter(default=1.0, about="factor on the input")
     low: float = parameter(default=-math.inf, about="smallest output", unit="?u*s", finite=False)
     high: float = parameter(default=math.inf, about="largest output", unit="?u*s", finite=False)
-    reset: bool = option(default=False, about="whether there is a port that sets the integral back")
-    target: bool = option(default=False, about="whether a port gives the value to which it is set back")
+    reset: bool = option(default=False, about="whether there is a port that resets the integral")
+    target: bool = option(default=False, about="whether a port gives the value to which it is reset")
     enable: bool = option(default=False, about="whether there is a port that holds the integral while it is off")
-    unit: str = option(default="", about="unit of the output when the gain brings one; empty means the input's times s")
+    unit: str = option(
+        default="", about="unit of the output if the gain has a unit; empty means that of the input times s"
+    )
 
     u = Input("any signal", unit="?u")
     y = Output("its time integral", unit="?u*s", unit_option="unit")
@@ -51,9 +53,9 @@ class Integrator(Block):
 
     @property
     def inports(self) -> dict[str, Input]:
-        more = {"reset": Input("above 0.5 sets the integral back")} if self.reset else {}
+        more = {"reset": Input("above 0.5 resets the integral")} if self.reset else {}
         if self.target:
-            more["to"] = Input("value to which the integral is set back", unit="?u*s", unit_option="unit")
+            more["to"] = Input("value to which the integral is reset", unit="?u*s", unit_option="unit")
         if self.enable:
             more["enable"] = Input("at 0.5 and below the integral is held")
         return {**{k: self._in_unit(p) for k, p in {**super().inports, **more}.items()}}
@@ -97,7 +99,7 @@ class Derivative(Block):
 
 @block
 class FilteredDerivative(Block):
-    r"""Derivative of a signal behind a first-order lag, for signals that are measured.
+    r"""Filtered derivative, for measured signals: the derivative behind a first-order lag.
 
     .. math:: y = \dot z = \frac{u - z}{T}, \qquad \frac{Y(s)}{U(s)} = \frac{s}{T s + 1}
 
@@ -122,7 +124,7 @@ class FilteredDerivative(Block):
 
 @block
 class FirstOrderLag(Block):
-    r"""First-order lag: a value that follows its input exponentially.
+    r"""First-order lag: after a step of the input, the output approaches its final value exponentially.
 
     .. math:: T \dot z = K u - z, \qquad y = z, \qquad \frac{Y(s)}{U(s)} = \frac{K}{T s + 1}
     """
@@ -146,7 +148,7 @@ class FirstOrderLag(Block):
 
 @block
 class SecondOrderLag(Block):
-    r"""Second-order lag: a value that follows its input like a damped oscillator.
+    r"""Second-order lag: the output follows the input as a damped oscillator does.
 
     .. math::
 
@@ -179,22 +181,22 @@ class SecondOrderLag(Block):
 
 @block
 class Delay(Block):
-    r"""The signal as it was some time ago.
+    r"""Delay: the signal at a fixed time before the present.
 
     .. math:: y(t) = u(t - T)
 
-    It runs along the cubic through four instants. A signal that stands still within steps (samples, a relay, a Step)
-    is not drawn out: its jumps stay jumps. In a signal that moves as well, a jump is spread over one step.
+    It is interpolated by the cubic through four instants. A signal that is constant within steps (samples, a relay, a
+    Step) is not smoothed: its jumps are kept. In a signal that also moves, a jump is spread over one step.
     """
 
     source = "definition"
     symbol = "e^(-Ts)"
     symbol_with_values = "e^(-{time}s)"
 
-    time: float = parameter(default=0.01, about="how long ago", unit="s", above=0.0)
+    time: float = parameter(default=0.01, about="length of the delay", unit="s", above=0.0)
     initial: float = parameter(default=0.0, about="value of the signal before the run began", unit="?u")
     u = Input("any signal", unit="?u")
-    past = Past("the signal as it was", of="u", by="time", initial="initial")
+    past = Past("the signal one delay ago", of="u", by="time", initial="initial")
     y = Output("the delayed signal", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """Equations, ports and checks of linear systems, which continuous and sampled blocks share.
 
 The two differ in their operator alone: what ``state_equation`` and ``fraction_states`` give are the rates of the states
-of a continuous block, and the states at the next sample of a sampled one. The functions take a block in the place of
-``self``, so that they can stand in its class as its methods.
+of a continuous block, and the states at the next sample of a sampled one. The functions take a block as ``self``, so
+that its class can use them as methods.
 """
 
 # ruff: noqa: ARG001 - the methods of a block take t, x, u whether or not they read them
@@ -40,7 +40,7 @@ def check_initial(owner: str, x0: tuple[Any, ...], n: int, what: str = "state") 
 def section(num: Any, den: Any, x: Any, u: Any) -> tuple[tuple[Any, ...], Any]:
     """States under the operator, and output, of num/den in reachable canonical form.
 
-    A coefficient that is not given must not appear: as a symbol, 0 * u would count as a path from input to output.
+    A missing coefficient must not appear: as a symbol, 0 * u would count as a path from input to output.
     """
     newest = (u - sum(a * z for a, z in zip(den[1:], x, strict=True))) / den[0]
     kept = (newest, *x)[len(den) - len(num) :]
@@ -77,7 +77,7 @@ def state_equation(block: Any, t: Any, x: Any, u: Any) -> dict[str, Any]:
 
 
 def output_equation(block: Any, t: Any, x: Any, u: Any) -> dict[str, Any]:
-    """C x + D u, by the names of the outputs; a matrix that is not there is no path."""
+    """C x + D u, by the names of the outputs; a missing matrix is no path."""
     n = _sizes(block)[2]
     kept = [_dot(c, x) for c in block.C if c] or [0.0] * n
     direct = [_dot(d, u) for d in _direct(block)] or [0.0] * n
@@ -141,7 +141,7 @@ def _names_and_units(names: tuple[str, ...], letter: str, n: int) -> list[tuple[
 
 
 def check_matrices(block: Any) -> None:
-    """Raise ParameterError unless A, B, C and D go together."""
+    """Raise ParameterError unless A, B, C and D have matching dimensions."""
     owner = type(block).__name__
     for name in "ABCD":
         if not all(
@@ -159,7 +159,7 @@ def check_matrices(block: Any) -> None:
         missing = not matrix and (not n or name == "D")
         if not missing and (len(matrix) != rows or any(len(row) != columns for row in matrix)):
             lengths = ", ".join(str(len(row)) for row in matrix) or "none"
-            wanted = f"{rows} rows of {columns}, as the other matrices have it"
+            wanted = f"{rows} rows of {columns}, to match the other matrices"
             raise ParameterError(f"{owner}.{name} must have {wanted}, got rows of length {lengths}.")
     check_initial(owner, block.x0, n)
     _check_names(block)
@@ -175,7 +175,7 @@ def _check_names(block: Any) -> None:
         for text in names:
             name = _checked(field, text)
             if name in taken:
-                own = "states, inputs and outputs need names of their own"
+                own = "states, inputs and outputs need different names"
                 raise ParameterError(f"{field}: '{name}' is taken already; {own}.")
             taken.add(name)
 

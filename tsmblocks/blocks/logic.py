@@ -1,4 +1,4 @@
-"""Logic: comparison, logic operations, a hold on request, a state machine. A signal above 0.5 counts as true."""
+"""Logic: comparison, logic operations, sample and hold, a state machine. A signal above 0.5 counts as true."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ class Comparison(Block):
 
     .. math:: y = 1 \text{ where } u > c \text{ (or } \ge, <, \le\text{)}, \quad 0 \text{ otherwise}
 
-    With ``locate=True`` it switches at the instant itself. Against chatter: ``Relay``, which has two levels.
+    With ``locate=True`` it switches at the located instant. Against chatter: ``Relay``, which has two levels.
     """
 
     source = "definition"
     symbol = "u > c"
     symbol_with_values = "u {sign} {level}"
 
-    sign: str = option(default=">", about="how the signal is compared", choices=(">", ">=", "<", "<="))
+    sign: str = option(default=">", about="comparison operator", choices=(">", ">=", "<", "<="))
     level: float = parameter(default=0.0, about="the level c", unit="?u")
     u = Input("any signal", unit="?u")
     y = Output("1 where it holds, else 0", unit="1")
@@ -55,7 +55,7 @@ class Logic(Block):
     .. math:: y = 1 \text{ where } \min(u_1, \dots, u_n) > \tfrac12 \text{ (and)}, \quad
         \max(u_1, \dots, u_n) > \tfrac12 \text{ (or)}, \quad 0 \text{ otherwise}
 
-    With "xor" an odd number of them must be true; "nand", "nor" and "not" turn the result over.
+    With "xor" an odd number of them must be true; "nand", "nor" and "not" invert the result.
     """
 
     source = "definition"
@@ -85,11 +85,11 @@ class Logic(Block):
 
 @block
 class TriggeredHold(Block):
-    r"""The value that a signal had when a trigger last became true.
+    r"""Sample and hold: the value that a signal had when a trigger last became true.
 
     .. math:: y = u(t_k), \qquad t_k \text{ the last instant at which the trigger rose above } 0.5
 
-    It acts as a step begins, and with ``locate=True`` at the instant itself.
+    It acts as a step begins, and with ``locate=True`` at the located instant.
     """
 
     source = "definition"
@@ -123,7 +123,7 @@ class StateMachine(Block):
     ``modes`` are names, the first is that at the start. A transition is a text, ``"idle -> run: u > 1 and v < 2"``: of
     those from the present mode the first that holds is taken, one at a time. ``since`` in a condition is the time in s
     since the mode was entered. Outputs are the number of the mode, from 0, that time, and 1 or 0 for each mode by
-    name. It acts as a step begins, and with ``locate=True`` at the instant itself.
+    name. It acts as a step begins, and with ``locate=True`` at the located instant.
     """
 
     source = "Harel, Sci. Comput. Program. 8 (1987) 231, without hierarchy"

@@ -1,4 +1,4 @@
-"""Blocks that stand on a wire and add a loop, or change one; at strength zero the signal passes bit for bit."""
+"""Blocks on a wire that add or change a hysteresis loop; at strength zero the signal passes bit for bit."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Stretch(Block):
     source = "Dahl, AIAA J. 14 (1976) 1675"
     symbol = "− w z"
 
-    half_width: float = parameter(default=0.0, about="what is lost after long travel one way", unit="?u")
-    distance: float = parameter(default=0.1, about="travel over which the loop turns round", unit="?u", above=0.0)
+    half_width: float = parameter(default=0.0, about="loss after long travel in one direction", unit="?u")
+    distance: float = parameter(default=0.1, about="travel over which the loop reverses", unit="?u", above=0.0)
     u = Input("any signal", unit="?u")
     v = Input("its rate", unit="?u/s", rate_of="u")
     y = Output("the signal less the stretch", unit="?u")
@@ -58,10 +58,14 @@ class StribeckStretch(Block):
     )
     symbol = "− w(v) z"
 
-    half_width: float = parameter(default=0.0, about="what is lost after long travel one way, at high speed", unit="?u")
-    breakaway: float = parameter(default=0.0, about="what is lost in addition at low speed", unit="?u")
-    speed: float = parameter(default=0.1, about="Stribeck velocity, at which it falls", unit="?u/s", above=0.0)
-    distance: float = parameter(default=0.1, about="travel over which the loop turns round", unit="?u", above=0.0)
+    half_width: float = parameter(
+        default=0.0, about="loss after long travel in one direction, at high speed", unit="?u"
+    )
+    breakaway: float = parameter(default=0.0, about="additional loss at low speed", unit="?u")
+    speed: float = parameter(
+        default=0.1, about="Stribeck velocity, over which the additional loss falls", unit="?u/s", above=0.0
+    )
+    distance: float = parameter(default=0.1, about="travel over which the loop reverses", unit="?u", above=0.0)
     u = Input("any signal", unit="?u")
     v = Input("its rate", unit="?u/s", rate_of="u")
     y = Output("the signal less the stretch", unit="?u")
@@ -76,28 +80,28 @@ class StribeckStretch(Block):
 
 @block
 class LoopChange(Block):
-    r"""A hysteresis loop that begins at one instant and stays: friction in the sheath after it is bent anew.
+    r"""A hysteresis loop that appears at one instant and stays: friction in the sheath after it is bent again.
 
     .. math:: y = u + H(t) (g u + c z), \qquad \dot z = \frac{v - |v| z}{d}, \qquad
         H(t) = \tfrac12 \left[1 + \tanh\frac{t - t_0}{w}\right]
 
     with :math:`v = \dot u`. The state z runs from -1 to 1 with the direction of travel, so c is the
-    half width of the loop that comes; with c < 0 the output trails the signal, with c > 0 it leads. With
+    half width of the new loop; with c < 0 the output trails the signal, with c > 0 it leads. With
     the loop the gain may change, by g.
     """
 
     source = "definition; the loop is that of Dahl, AIAA J. 14 (1976) 1675"
     symbol = "loop(t)"
 
-    change: float = parameter(default=0.0, about="what is added while travelling forwards, after the change", unit="?u")
+    change: float = parameter(default=0.0, about="value added while travelling forwards, after the change", unit="?u")
     gain: float = parameter(default=0.0, about="change g of the gain")
-    distance: float = parameter(default=0.1, about="travel over which the loop turns round", unit="?u", above=0.0)
+    distance: float = parameter(default=0.1, about="travel over which the loop reverses", unit="?u", above=0.0)
     time: float = parameter(default=1.0, about="instant of the change", unit="s")
-    width: float = parameter(default=0.01, about="time over which it is rounded", unit="s", above=0.0)
+    width: float = parameter(default=0.01, about="time over which the change is rounded", unit="s", above=0.0)
 
     u = Input("any signal", unit="?u")
     v = Input("its rate", unit="?u/s", rate_of="u")
-    y = Output("the signal with the loop on it", unit="?u")
+    y = Output("the signal with the loop added", unit="?u")
     z: float = state(default=0.0, about="side of the loop, from -1 to 1", unit="1")
 
     derivatives = _dahl_state
@@ -130,7 +134,7 @@ class LoopAsymmetry(Block):
     x = Input("the displacement that drives it", unit="?x")
     v = Input("rate of the displacement", unit="?x/s", rate_of="x")
     y = Output("output with unequal branches", unit="?u")
-    z: float = state(default=0.0, about="part of the output that delta makes", unit="?u")
+    z: float = state(default=0.0, about="part of the output that is due to delta", unit="?u")
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(z=ca.fabs(u.v) * (self.delta - self.theta * x.z))
@@ -141,24 +145,24 @@ class LoopAsymmetry(Block):
 
 @block
 class PositionDependentLoop(Block):
-    r"""A hysteresis loop that widens with the displacement: friction that depends on how far the tool is bent.
+    r"""A hysteresis loop whose width grows with the displacement: friction that depends on how far the tool is bent.
 
     .. math:: y = u + g z, \qquad \dot z = \frac{x v - |v| z}{d}, \qquad v = \dot x
 
-    After travel :math:`d` one way, :math:`z` is what :math:`x` was on that way, with the sign of the motion: friction
-    is picked up where the tool is, and kept until it has moved on.
+    After travel :math:`d` in one direction, :math:`z` is the :math:`x` of that travel, with the sign of the motion:
+    friction builds up where the tool is, and is kept until the tool has moved away.
     """
 
     source = "definition; the loop is that of Dahl, AIAA J. 14 (1976) 1675"
     symbol = "+ g x z"
 
     gain: float = parameter(default=0.0, about="half width that the loop gains per unit of x")
-    distance: float = parameter(default=0.1, about="travel over which the loop turns round", unit="?x", above=0.0)
+    distance: float = parameter(default=0.1, about="travel over which the loop reverses", unit="?x", above=0.0)
 
     u = Input("any signal", unit="?u")
     x = Input("the displacement that the width depends on", unit="?x")
     v = Input("rate of the displacement", unit="?x/s", rate_of="x")
-    y = Output("the signal with the loop on it", unit="?u")
+    y = Output("the signal with the loop added", unit="?u")
     z: float = state(default=0.0, about="displacement at which the loop was met, signed by the motion", unit="?x")
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:

@@ -19,12 +19,12 @@ from tsmblocks.model.block import Block, Input, Output, State, block, option, pa
 
 @block
 class TransferFunction(Block):
-    r"""Linear block given by its coefficients, highest power of s first.
+    r"""Transfer function given by its coefficients, highest power of s first.
 
     .. math:: \frac{Y(s)}{U(s)} = \frac{b_0 s^m + \dots + b_m}{a_0 s^n + \dots + a_n}
 
     Controllable canonical form: ``x1`` is the highest derivative kept, each further state its
-    integral. A numerator shorter than the denominator passes nothing at the same instant.
+    integral. With a numerator shorter than the denominator there is no direct feedthrough.
     """
 
     source = "Åström and Murray, Feedback Systems, section 7.2 (reachable canonical form)"
@@ -62,7 +62,7 @@ def _linear(*roots: Any) -> tuple[Any, ...]:
 
 @block
 class ZeroPoleGain(Block):
-    r"""Linear block given by its zeros, poles and gain.
+    r"""Transfer function given by its zeros, poles and gain.
 
     .. math::
 
@@ -138,13 +138,13 @@ class ZeroPoleGain(Block):
 
 @block
 class StateSpace(Block):
-    r"""Linear block given by its matrices, with any number of inputs and outputs.
+    r"""State-space model given by its matrices, with any number of inputs and outputs.
 
     .. math:: \dot x = A x + B u, \qquad y = C x + D u
 
-    Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more, unless they have
-    names of their own, such as ``"motor [V]"``. Without D no input reaches an output at the same instant. Without
-    any matrix the signal passes unchanged.
+    Ports are ``u`` and ``y`` where there is one, ``u1``, ``u2``, … where there are more, unless they have names of
+    their own, such as ``"motor [V]"``. Without D there is no direct feedthrough. Without any matrix the signal passes
+    unchanged.
     """
 
     source = "Åström and Murray, Feedback Systems, section 3.2"
@@ -255,7 +255,8 @@ def _heading(label: str) -> tuple[str, str]:
 def _names(system: Any) -> dict[str, Any]:
     """Names of inputs, outputs and states from the labels of python-control, where it did not generate them.
 
-    python-control allows a state and an output of one name, which here is one signal: the state gets a number.
+    python-control allows a state and an output of the same name; here these would be one signal, so the state gets a
+    number.
     """
     kinds = ("input", "output", "state")
     found = {f"{kind}_names": [_heading(label) for label in getattr(system, f"{kind}_labels")] for kind in kinds}

@@ -1,6 +1,6 @@
 """Blocks of the drive: the motor as a transfer function, and as an electrical and mechanical model.
 
-The paper names its motor (Faulhaber 2642W024CR, 24 V) and prints no number of it. The defaults are
+The paper names its motor (Faulhaber 2642W024CR, 24 V) and gives no data for it. The defaults are
 typical of ironless 24 V, 23 W motors behind a 14:1 gear; they are not data of that motor.
 """
 
@@ -53,13 +53,13 @@ class DCMotor(Block):
         J \frac{d\omega}{dt} &= k_t i - b \omega - M_c \tanh(\omega / \omega_0) - M_{load} / N \\
         \dot y &= v = \omega / N
 
-    :math:`\omega` is the rotor's speed, N the gear ratio; one constant :math:`k_t` serves torque
-    and back-EMF, as energy demands. With ``load=True`` a port takes the torque that the output
-    shaft has to overcome. The numbers are typical of the class of motor.
+    :math:`\omega` is the rotor's speed, N the gear ratio; one constant :math:`k_t` serves torque and back-EMF, as
+    conservation of energy requires. With ``load=True`` a port takes the torque that the output shaft has to overcome.
+    The numbers are typical of the class of motor.
 
-    The winding's time constant L/R of some 0.1 ms is far below a usual step. At 1 ms an implicit method follows the
-    motor (``method="sdirk2"``), an explicit one needs a step below 0.1 ms, or a choke in the line: with L = 5 mH rk4
-    holds at 1 ms, which is what a file means that gives no L, since that was the default once.
+    The winding's time constant L/R of some 0.1 ms is far below a usual step. At 1 ms use an implicit method
+    (``method="sdirk2"``); an explicit one needs a step below 0.1 ms, or a choke in the line: with L = 5 mH rk4 is
+    stable at 1 ms. A file without L means this value, an earlier default.
     """
 
     source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems, section 2.3"
@@ -76,7 +76,7 @@ class DCMotor(Block):
     coulomb: float = parameter(default=1e-3, about="dry friction at the rotor", unit="N*m", at_least=0.0)
     smoothing: float = parameter(default=2.0, about="rotor speed over which it changes sign", unit="rad/s", above=0.0)
     voltage_drop: float = parameter(default=0.3, about="voltage lost at the brushes", unit="V", at_least=0.0)
-    drop_current: float = parameter(default=0.1, about="current over which that builds up", unit="A", above=0.0)
+    drop_current: float = parameter(default=0.1, about="current over which that voltage builds up", unit="A", above=0.0)
     load: bool = option(default=False, about="whether there is a port for the load's torque")
 
     u = Input("voltage at the motor", unit="V")

@@ -1,4 +1,4 @@
-"""Blocks between a quantity and what is measured of it: encoder, noise, bias."""
+"""Blocks between a quantity and its measurement: encoder, noise, bias."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tsmblocks.model.block import Block, Input, Output, Samples, Tape, block, op
 
 @block
 class Encoder(Block):
-    r"""Angle as an encoder gives it, in whole counts.
+    r"""Encoder: an angle in whole counts.
 
     .. math:: y = q \left\lfloor \frac{u}{q} + r \right\rfloor, \qquad q = \frac{2 \pi}{N}
 
@@ -26,7 +26,9 @@ class Encoder(Block):
     symbol_with_values = "encoder\n{counts} /rev"
 
     counts: float = parameter(default=3600.0, about="counts per revolution", unit="1/rev", above=0.0, known=True)
-    rounding: str = option(default="nearest", about="which count is given", choices=("nearest", "down"))
+    rounding: str = option(
+        default="nearest", about="rounding to the nearest count, or down", choices=("nearest", "down")
+    )
     u = Input("true angle", unit="rad")
     y = Output("measured angle", unit="rad")
 
@@ -63,10 +65,7 @@ class SensorNoise(Block):
 
 @block
 class Bias(Block):
-    r"""A constant error of a sensor.
-
-    .. math:: y = u + b
-    """
+    r"""A constant error of a sensor. .. math:: y = u + b"""
 
     source = "definition"
     symbol = "+ b"

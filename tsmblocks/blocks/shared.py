@@ -1,4 +1,4 @@
-"""What blocks of several families share: descriptions of options, checks, the limits ``low`` and ``high``."""
+"""Shared by several families of blocks: descriptions of options, checks, the limits ``low`` and ``high``."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def white_noise(seed: int, interval: float, start: float, stop: float, name: str
     """Draw normal noise of unit spread, one number per ``interval`` [s], over ``start`` to ``stop`` [s].
 
     The number at ``k * interval`` depends on ``seed``, ``name`` and ``k`` only: runs that begin, end or
-    step differently see the same noise. Times before zero have a stream of their own.
+    step differently see the same noise. Times before zero have a separate stream.
     """
     stream = zlib.crc32(name.encode())
     first, last = math.floor(start / interval) - 1, math.floor(stop / interval) + 1
@@ -37,10 +37,7 @@ def white_noise(seed: int, interval: float, start: float, stop: float, name: str
 
 @block
 class Constant(Block):
-    r"""The same value at all times.
-
-    .. math:: y = c
-    """
+    r"""Constant: the same value at all times. .. math:: y = c"""
 
     source = "definition"
     symbol = "c"
@@ -56,7 +53,7 @@ class Constant(Block):
 
 @block
 class Step(Block):
-    r"""One value up to an instant, another from then on.
+    r"""Step: one value up to an instant, another from then on.
 
     .. math:: y = y_0 \text{ for } t < t_0, \quad y_1 \text{ for } t \ge t_0
     """
@@ -77,10 +74,7 @@ class Step(Block):
 
 @block
 class Ramp(Block):
-    r"""A value that changes at a constant rate from an instant on.
-
-    .. math:: y = y_0 + k \max(t - t_0, 0)
-    """
+    r"""Ramp: a value that changes at a constant rate from an instant on. .. math:: y = y_0 + k \max(t - t_0, 0)"""
 
     source = "definition"
     symbol = "ramp"
@@ -98,10 +92,7 @@ class Ramp(Block):
 
 @block
 class Sine(Block):
-    r"""A sine around an offset.
-
-    .. math:: y = y_0 + a \sin(2 \pi f t + \varphi)
-    """
+    r"""A sine around an offset. .. math:: y = y_0 + a \sin(2 \pi f t + \varphi)"""
 
     source = "Paper, Figs 13 and 17: 55 degrees at 0.2 Hz"
     symbol = "sin"
@@ -120,10 +111,7 @@ class Sine(Block):
 
 @block
 class MultiSine(Block):
-    r"""A sum of sines.
-
-    .. math:: y = \sum_k a_k \sin(2 \pi f_k t + \varphi_k)
-    """
+    r"""A sum of sines. .. math:: y = \sum_k a_k \sin(2 \pi f_k t + \varphi_k)"""
 
     source = "Paper, Fig. 14: 28 degrees at 0.2 Hz and 28 degrees at 0.5 Hz"
     symbol = "Σ sin"
@@ -176,7 +164,7 @@ class Chirp(Block):
 
 @block
 class Random(Block):
-    r"""Normal noise, a fresh number every interval; the same seed and block name give the same noise.
+    r"""Normal noise, a new number every interval; the same seed and block name give the same noise.
 
     .. math:: y = \mu + \sigma w_k, \qquad w_k \sim N(0, 1), \quad k = \lfloor t / T \rfloor
     """
@@ -222,7 +210,7 @@ class Triangle(Block):
 
 @block
 class Staircase(Block):
-    r"""Steps of equal height: up from zero, down past zero, back to zero, and again.
+    r"""Staircase: steps of equal height, up from zero, down past zero, back to zero, and again.
 
     .. math:: y = h \left(\bigl| (k - n) \bmod 2(n + m) - (n + m) \bigr| - m\right), \quad k = \lfloor t / T \rfloor
 
@@ -237,7 +225,7 @@ class Staircase(Block):
     up: int = option(default=4, about="steps above zero", at_least=0)
     down: int = option(default=4, about="steps below zero", at_least=0)
     unit: str = option(default="", about=UNIT)
-    y = Output("the step it stands on", unit="?y", unit_option="unit")
+    y = Output("value of the present step", unit="?y", unit_option="unit")
 
     def check(self) -> None:
         if not self.up + self.down:

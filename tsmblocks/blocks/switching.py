@@ -1,4 +1,4 @@
-"""Blocks that switch the diagram they stand in: on and off, or on at instants."""
+"""Blocks that switch the diagram that contains them: on and off, or on at instants."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ INITIAL = "outputs of the diagram before it was first on, one for each; an empty
 
 @block
 class Enable(Block):
-    r"""Switches the diagram it stands in on and off.
+    r"""Enable: switches the diagram that contains it on and off.
 
     .. math:: \dot x = f(t, x, u) \text{ while } u_{on} > \tfrac12, \qquad \dot x = 0 \text{ otherwise}
 
-    While it is off all states in its diagram stand still, those of diagrams inside too, sampled blocks do not sample,
-    and outputs of the diagram hold their value of the instant at which it was switched off; with
-    ``while_off="reset"`` they are ``initial``. When it is switched on again the states go on from where they were;
-    with ``restart="reset"`` they begin anew, and a port ``begins`` says so. Whatever drives the port from inside the
-    diagram stands still too. Sampled blocks act at their next instant after it is switched on. With ``locate=True``
-    it switches at the instant itself.
+    While it is off all states in its diagram are held, those of nested diagrams too, sampled blocks do not sample, and
+    outputs of the diagram hold the value at which it was switched off; with ``while_off="reset"`` they are ``initial``.
+    When it is switched on again the states continue from their values; with ``restart="reset"`` they restart from their
+    initial values, and a port ``begins`` is 1 then. A signal inside the diagram that drives the port is held too.
+    Sampled blocks act at their next instant after it is switched on. With ``locate=True`` it switches at the located
+    instant.
     """
 
     source = "definition; as the enabled subsystem of Simulink"
@@ -56,15 +56,15 @@ class Enable(Block):
 
 @block
 class Trigger(Block):
-    r"""Lets the diagram it stands in act at instants: each time a signal becomes true.
+    r"""Trigger: executes the diagram that contains it each time a signal becomes true.
 
     .. math:: x_{k+1} = g(t_k, x_k, u(t_k)), \quad y = h(t_k, x_k, u(t_k)), \qquad
         t_k \text{ the instants at which } u \text{ rises above } \tfrac12
 
     Between them all memory in its diagram and all outputs of the diagram are held. Sampled blocks inside act at these
-    instants in the place of multiples of their period, which their equations still take as the time since the last
-    one. Blocks with continuous states have no place there. It acts as a step begins, and with ``locate=True`` at the
-    instant itself.
+    instants instead of at multiples of their period, which their equations still use as the time since the last one.
+    Blocks with continuous states are not allowed there. It acts as a step begins, and with ``locate=True`` at the
+    located instant.
     """
 
     source = "definition; as the triggered subsystem of Simulink"

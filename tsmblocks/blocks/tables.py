@@ -26,11 +26,11 @@ class LookupTable(Block):
     .. math:: y = \sum_i c_i \, b_i(u)
 
     With ``interpolation="linear"`` each :math:`b_i` consists of two lines, from 1 at its own point to 0 at the points
-    beside it, and the :math:`c_i` are the values. With "cubic" they are cubic B-splines, and the :math:`c_i` lead the
-    curve through the values: the one cubic spline without a knot at the second and the last but one point, as SciPy
-    and MATLAB draw it. It needs four points, and may overshoot where values jump.
+    beside it, and the :math:`c_i` are the values. With "cubic" they are cubic B-splines, and with the :math:`c_i` the
+    curve passes through the values: the one cubic spline without a knot at the second and the last but one point, as
+    SciPy and MATLAB draw it. It needs four points, and may overshoot where values jump.
 
-    Beyond the points the last value holds; with ``outside="extend"`` the line goes on, of a curve its tangent.
+    Beyond the points the last value holds; with ``outside="extend"`` the line, or the tangent of the curve, continues.
     """
 
     source = "definition; de Boor, A Practical Guide to Splines (2001), chapters IX and XIII"
@@ -65,13 +65,13 @@ class LookupTable2D(Block):
     ``values`` has a row for each of ``points1``, and in it a number for each of ``points2``. With
     ``interpolation="linear"`` each :math:`a_i` and :math:`b_j` consists of two lines, from 1 at its own point to 0 at
     the points beside it, and the :math:`c_{ij}` are the values: bilinear interpolation. With "cubic" they are cubic
-    B-splines, and the :math:`c_{ij}` lead the surface through the values: along both inputs the cubic spline without a
-    knot at the second and the last but one point, as SciPy draws it. It needs four points each way, and may overshoot
-    where values jump.
+    B-splines, and with the :math:`c_{ij}` the surface passes through the values: along both inputs the cubic spline
+    without a knot at the second and the last but one point, as SciPy draws it. It needs four points each way, and may
+    overshoot where values jump.
 
-    Beyond the grid the value at its nearest edge holds; with ``outside="extend"`` the lines go on, of a surface its
-    tangents. Derivatives are exact, at a corner of two lines the mean of both. Each step reads all values: with a
-    thousand it takes some 5 µs.
+    Beyond the grid the value at its nearest edge holds; with ``outside="extend"`` the lines, or the tangents of the
+    surface, continue. Derivatives are exact, at a corner of two lines the mean of both. Each step reads all values:
+    with a thousand it takes some 5 µs.
     """
 
     source = "definition; de Boor, A Practical Guide to Splines (2001), chapters IX, XIII and XVII"
@@ -123,7 +123,7 @@ def _check_rows(values: Any, rows: int, columns: int) -> None:
         raise ParameterError(
             f"LookupTable2D.values must be {rows} rows (one for each of points1) of {columns} numbers (one for each "
             f"of points2), got {len(values)} rows of {' and '.join(map(str, sorted(set(lengths))))}."
-            + (" Rows and columns look exchanged: transpose the values." if turned else "")
+            + (" Rows and columns seem to be exchanged: transpose the values." if turned else "")
         )
 
 
@@ -144,7 +144,7 @@ def _basis(table: Any, u: Any, points: Any) -> Any:
 
 
 def _hats(u: Any, points: Any, extend: bool) -> list[Any]:
-    """Lines from 1 at each point to 0 at its neighbours; with ``extend`` the outer ones go on."""
+    """Lines from 1 at each point to 0 at its neighbours; with ``extend`` the outer lines continue."""
     shares, intervals = [], len(points) - 1  # of each interval, the share that lies behind the input
     for k, (a, b) in enumerate(pairwise(points)):
         share = (u - a) / (b - a)
@@ -175,7 +175,7 @@ def _splines(u: Any, hats: list[Any], points: Any) -> list[Any]:
 
 
 def _weights(table: Any, points: Any, values: Any) -> Any:
-    """Factors on the functions of ``_basis`` that lead their sum through the values: a row, or a number, for each."""
+    """Factors on the functions of ``_basis`` whose sum then passes through the values: a row, or a number, for each."""
     if table.interpolation == "linear":
         return values
     matrix, made, count = [_row(k, points) for k in range(len(points))], ca.vertsplit(values), len(points)

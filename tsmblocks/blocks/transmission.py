@@ -1,7 +1,7 @@
-"""Blocks that stand on a wire and add one effect to the signal, which passes bit for bit at strength zero.
+"""Blocks on a wire that add one effect to the signal, which passes bit for bit at strength zero.
 
-Every output is the input plus the strength times something finite, and every strength is zero by default. Put on a wire
-of a diagram that works, such a block therefore changes nothing until its strength is set or fitted.
+Every output is the input plus the strength times something finite, and every strength is zero by default. Inserted in a
+wire of a diagram, such a block therefore changes nothing until its strength is set or fitted.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tsmblocks.model.block import Block, Input, Output, block, option, parameter
 
 
 def after(t: Any, time: Any, width: Any) -> Any:
-    r"""Share of a change that has come by time ``t`` [s], from 0 long before ``time`` to 1 long after it.
+    r"""Share of a change that is complete at time ``t`` [s], from 0 long before ``time`` to 1 long after it.
 
     .. math:: H(t) = \tfrac12 \left[1 + \tanh\frac{t - t_0}{w}\right]
     """
@@ -31,14 +31,14 @@ class Slack(Block):
     Beyond the edge the slope is 1 - s: at 1 nothing passes there, at 0 everything does.
     """
 
-    source = "definition; the dead zone of one side, with the share that is lost as a number"
+    source = "definition; a one-sided dead zone, in which a given share is lost"
     symbol = "slack"
 
     share: float = parameter(default=0.0, about="share of the slope lost beyond the edge", at_least=0.0, at_most=1.0)
     edge: float = parameter(default=0.0, about="value at which the signal begins to be lost", unit="?u")
     side: str = option(default="low", about="on which side of the edge it is lost", choices=("low", "high"))
     u = Input("any signal", unit="?u")
-    y = Output("the signal, less what is lost beyond the edge", unit="?u")
+    y = Output("the signal, less the part lost beyond the edge", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         beyond = ca.fmin(u.u - self.edge, 0.0) if self.side == "low" else ca.fmax(u.u - self.edge, 0.0)
@@ -62,7 +62,7 @@ class Bend(Block):
     centre: float = parameter(default=0.0, about="value c about which it is bent", unit="?u")
 
     u = Input("any signal", unit="?u")
-    y = Output("the signal along the bent line", unit="?u")
+    y = Output("the signal after the characteristic", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         away = u.u - self.centre
@@ -82,11 +82,11 @@ class Bow(Block):
     source = "definition"
     symbol = "bow"
 
-    size: float = parameter(default=0.0, about="what is added far from the centre", unit="?u")
-    width: float = parameter(default=0.3, about="distance d over which it is added", unit="?u", above=0.0)
+    size: float = parameter(default=0.0, about="value added far from the centre", unit="?u")
+    width: float = parameter(default=0.3, about="distance d over which it builds up", unit="?u", above=0.0)
     centre: float = parameter(default=0.0, about="value c about which the slope differs", unit="?u")
     u = Input("any signal", unit="?u")
-    y = Output("the signal along the bowed line", unit="?u")
+    y = Output("the signal after the characteristic", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + self.size * ca.tanh((u.u - self.centre) / self.width))
@@ -109,7 +109,7 @@ class Ripple(Block):
     cycles: float = parameter(default=1.0, about="phase n [rad] per unit of u; periods per turn of an angle", above=0.0)
 
     u = Input("any signal", unit="?u")
-    y = Output("the signal with the ripple on it", unit="?u")
+    y = Output("the signal with the ripple added", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         phase = self.cycles * u.u
@@ -127,11 +127,11 @@ class Drift(Block):
     source = "definition"
     symbol = "+ rt"
 
-    rate: float = parameter(default=0.0, about="what is added in each second", unit="?u/s")
-    curve: float = parameter(default=0.0, about="what is added in each second squared", unit="?u/s^2")
+    rate: float = parameter(default=0.0, about="rate of the drift", unit="?u/s")
+    curve: float = parameter(default=0.0, about="quadratic drift", unit="?u/s^2")
     since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s", known=True)
     u = Input("any signal", unit="?u")
-    y = Output("the signal that drifts away", unit="?u")
+    y = Output("the signal with the drift added", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         passed = t - self.since
@@ -140,7 +140,7 @@ class Drift(Block):
 
 @block
 class Jump(Block):
-    r"""An error that comes at one instant and stays: lost counts, a tendon that slips.
+    r"""An error that appears at one instant and stays: lost counts, a tendon that slips.
 
     .. math:: y = u + s H(t), \qquad H(t) = \tfrac12 \left[1 + \tanh\frac{t - t_0}{w}\right]
     """
@@ -150,9 +150,9 @@ class Jump(Block):
 
     size: float = parameter(default=0.0, about="height of the jump", unit="?u")
     time: float = parameter(default=1.0, about="instant of the jump", unit="s")
-    width: float = parameter(default=0.01, about="time over which it is rounded", unit="s", above=0.0)
+    width: float = parameter(default=0.01, about="time over which the change is rounded", unit="s", above=0.0)
     u = Input("any signal", unit="?u")
-    y = Output("the signal that has jumped", unit="?u")
+    y = Output("the signal with the jump added", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + self.size * after(t, self.time, self.width))
@@ -160,7 +160,7 @@ class Jump(Block):
 
 @block
 class GainChange(Block):
-    r"""A gain that changes at one instant and stays: a tendon that is bent anew.
+    r"""A gain that changes at one instant and stays: a tendon that is bent again.
 
     .. math:: y = u \left[1 + c H(t)\right], \qquad H(t) = \tfrac12 \left[1 + \tanh\frac{t - t_0}{w}\right]
     """
@@ -170,9 +170,9 @@ class GainChange(Block):
 
     change: float = parameter(default=0.0, about="gain after the change less that before, which is 1")
     time: float = parameter(default=1.0, about="instant of the change", unit="s")
-    width: float = parameter(default=0.01, about="time over which it is rounded", unit="s", above=0.0)
+    width: float = parameter(default=0.01, about="time over which the change is rounded", unit="s", above=0.0)
     u = Input("any signal", unit="?u")
-    y = Output("the signal, times the gain of the time", unit="?u")
+    y = Output("the signal times the present gain", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + self.change * (after(t, self.time, self.width) * u.u))
@@ -191,7 +191,7 @@ class GainDrift(Block):
     rate: float = parameter(default=0.0, about="change of the gain in each second, as a share of it", unit="1/s")
     since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s", known=True)
     u = Input("any signal", unit="?u")
-    y = Output("the signal, times the gain of the time", unit="?u")
+    y = Output("the signal times the present gain", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + self.rate * (t - self.since) * u.u)
@@ -212,7 +212,7 @@ class Disturbance(Block):
     frequency: float = parameter(default=1.0, about="frequency f", unit="Hz", above=0.0)
     since: float = parameter(default=0.0, about="instant from which the time is counted", unit="s", known=True)
     u = Input("any signal", unit="?u")
-    y = Output("the signal with the oscillation on it", unit="?u")
+    y = Output("the signal with the oscillation added", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         phase = 2 * math.pi * self.frequency * (t - self.since)
@@ -229,10 +229,10 @@ class Creep(Block):
     source = "Findley, Lai and Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials (1976), chapter 5"
     symbol = "creep"
 
-    share: float = parameter(default=0.0, about="what comes late, as a share of what came at once")
-    time_constant: float = parameter(default=10.0, about="time to 63 % of it", unit="s", above=0.0)
+    share: float = parameter(default=0.0, about="creep, as a share of the immediate response")
+    time_constant: float = parameter(default=10.0, about="time to 63 % of the creep", unit="s", above=0.0)
     u = Input("any signal", unit="?u")
-    y = Output("the signal and what creeps after it", unit="?u")
+    y = Output("the signal with the creep added", unit="?u")
     late: float = state(default=0.0, about="the signal, lagging", unit="?u")
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
@@ -255,11 +255,11 @@ class BroadCreep(Block):
     source = "Findley, Lai and Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials (1976), chapter 5"
     symbol = "log creep"
 
-    share: float = parameter(default=0.0, about="what comes late, as a share of what came at once")
+    share: float = parameter(default=0.0, about="creep, as a share of the immediate response")
     fastest: float = parameter(default=1.0, about="shortest time constant T1", unit="s", above=0.0)
     slowest: float = parameter(default=100.0, about="longest time constant T4", unit="s", above=0.0)
     u = Input("any signal", unit="?u")
-    y = Output("the signal and what creeps after it", unit="?u")
+    y = Output("the signal with the creep added", unit="?u")
     late1: float = state(default=0.0, about="the signal, lagging by T1", unit="?u")
     late2: float = state(default=0.0, about="the signal, lagging by T2", unit="?u")
     late3: float = state(default=0.0, about="the signal, lagging by T3", unit="?u")
@@ -289,10 +289,10 @@ class RateDependence(Block):
 
     coefficient: float = parameter(default=0.0, about="c; for n = 1 a time in s, negative for a part that lags")
     exponent: float = parameter(default=1.0, about="power n of the rate", at_least=0.2, at_most=4.0)
-    smoothing: float = parameter(default=1e-3, about="rate below which the power is straight", unit="?u/s", above=0.0)
+    smoothing: float = parameter(default=1e-3, about="rate below which the power is linear", unit="?u/s", above=0.0)
     u = Input("any signal", unit="?u")
     v = Input("its rate", unit="?u/s", rate_of="u")
-    y = Output("the signal and the part that follows its rate", unit="?u")
+    y = Output("the signal and the term in its rate", unit="?u")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         square = u.v * u.v + self.smoothing * self.smoothing
@@ -312,15 +312,15 @@ class Resonance(Block):
     source = "definition; base excitation as in Inman, Engineering Vibration, section 2.4"
     symbol = "resonance"
 
-    share: float = parameter(default=0.0, about="share of the signal that swings", at_least=0.0, at_most=1.0)
+    share: float = parameter(default=0.0, about="share of the signal that resonates", at_least=0.0, at_most=1.0)
     omega: float = parameter(default=20.0, about="natural frequency", unit="rad/s", above=0.0)
     zeta: float = parameter(default=0.2, about="damping ratio", at_least=0.0)
     feed: float = parameter(default=0.0, about="share f of the damper on the base", at_least=0.0, at_most=1.0)
 
     u = Input("any signal", unit="?u")
-    y = Output("the signal, a share of it swinging", unit="?u")
+    y = Output("the signal, a share of it resonating", unit="?u")
     swing: float = state(default=0.0, about="the oscillator", unit="?u")
-    rate: float = state(default=0.0, about="its rate, less what the base damps", unit="?u/s")
+    rate: float = state(default=0.0, about="its rate, less the part damped by the base", unit="?u/s")
 
     def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         damping = 2 * self.zeta * self.omega
@@ -334,7 +334,7 @@ class Resonance(Block):
 
 @block
 class ParallelResonance(Block):
-    r"""A mode beside a model: what a further oscillator, driven by the same input x, adds to the output.
+    r"""A mode in parallel with a model: a further oscillator, driven by the same input x, adds to the output.
 
     .. math:: \ddot z = \omega^2 (x - z) - 2 \zeta \omega \dot z, \qquad y = u + g z + h \dot z / \omega
 
@@ -349,7 +349,7 @@ class ParallelResonance(Block):
     omega: float = parameter(default=20.0, about="natural frequency", unit="rad/s", above=0.0)
     zeta: float = parameter(default=0.05, about="damping ratio", at_least=0.0)
 
-    u = Input("output of the model beside it", unit="?u")
+    u = Input("output of the model in parallel", unit="?u")
     x = Input("input of the model", unit="?x")
     y = Output("both together", unit="?u")
     swing: float = state(default=0.0, about="the oscillator", unit="?x")

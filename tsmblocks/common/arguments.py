@@ -15,7 +15,7 @@ from tsmblocks.common.errors import ParameterError, RunError, TsmError, in_words
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite number; True and False are none."""
+    """Whether a value is a finite number; True and False are not."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
         return False
     try:
@@ -67,7 +67,8 @@ def as_callback(given: Any, arguments: str) -> Any:
 
 
 def as_list(names: Iterable[str] | str | None) -> list[str]:
-    """Names as a list; a single one, or what is no list, need not be a list, and None is an empty one."""
+    """Names as a list: a single name, or anything else that is not iterable, as a list of one; None as an empty
+    list."""
     if names is None or isinstance(names, str):
         return [] if names is None else [names]
     try:

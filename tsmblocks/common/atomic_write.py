@@ -26,11 +26,11 @@ _CLIP = re.compile(rb'(id="|url\(#)(p[0-9a-f]{10})(?=["\)])')
 def replacing(target: str | os.PathLike[str], *, private: bool = False) -> Iterator[BinaryIO]:
     """Open a new file beside the old one, which takes its place in one step when all is written.
 
-    Its name is new and nobody else's, so that threads, processes and links in a shared folder cannot meet there. Of a
-    link the file that it leads to is replaced; a device or a pipe is written to as it is; a file that this user may not
-    write to stays. A ``private`` file, which can be made again, is only for this user, takes the place of a link
-    itself, and is not waited for until it is on the disk. Raises OSError that names the target, which then has not
-    changed.
+    Its name is new and unique, so that threads, processes and links in a shared folder cannot conflict. Where the
+    target is a link, the file that it leads to is replaced; a device or a pipe is written to directly; a file without
+    write permission is not replaced. A ``private`` file, which can be made again, is readable by this user only,
+    replaces a link itself, and is not synchronised to the disk. Raises OSError that names the target, which then has
+    not changed.
     """
     real = Path(target) if private else Path(os.path.realpath(target))
     old = None if private else _mode(real, str(target))
@@ -60,7 +60,7 @@ def replacing(target: str | os.PathLike[str], *, private: bool = False) -> Itera
 
 
 def _mode(real: Path, target: str) -> int | None:
-    """Kind and permissions of what is there; None of nothing. Raises OSError for a folder and a protected file."""
+    """Kind and permissions of a file; None where there is none. Raises OSError for a folder and a protected file."""
     try:
         mode = real.stat().st_mode
     except FileNotFoundError:
@@ -75,7 +75,7 @@ def _mode(real: Path, target: str) -> int | None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Let a new name of a file last through a loss of power, where the system can."""
+    """Make a new file name survive a loss of power, where the system supports it."""
     with suppress(OSError):  # the file is in its place already
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -106,7 +106,7 @@ def replace_figure(
 ) -> None:
     """Replace a file by a figure of matplotlib, in the format of its ending; ``metadata`` are left out.
 
-    Without them the time of writing is, so that equal figures give equal files. Raises OSError as ``replacing``.
+    By default the time of writing is left out, so that equal figures give equal files. Raises OSError as ``replacing``.
     """
     from matplotlib import rc_context
 
@@ -120,6 +120,6 @@ def replace_figure(
 
 
 def _numbered_clips(svg: bytes) -> bytes:
-    """Name the paths that clip in the order in which they occur: matplotlib makes their names of addresses."""
+    """Number the clip paths in the order in which they occur: matplotlib derives their names from memory addresses."""
     names: dict[bytes, bytes] = {}
     return _CLIP.sub(lambda one: one[1] + names.setdefault(one[2], b"clip%d" % len(names)), svg)

@@ -1,4 +1,4 @@
-"""Every exception the package raises on purpose, and the functions that word them.
+"""Every exception that the package raises on purpose, and functions for the text of messages.
 
     TsmError
     ├── BlockError          one block
@@ -41,7 +41,7 @@ MOST_CHARACTERS = 1500
 
 
 CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Characters that steer a terminal, end lines, or turn the direction of the text after them; not tabs and new lines."""
+"""Characters that control a terminal, end lines, or reverse the direction of text; not tabs and new lines."""
 
 
 def without_controls(text: str) -> str:
@@ -57,7 +57,7 @@ class TsmError(Exception):
 
 
 class BlockError(TsmError):
-    """A fault of one block, whatever diagram it stands in."""
+    """A fault of one block, independent of the diagram that contains it."""
 
 
 class ParameterError(BlockError):
@@ -153,7 +153,7 @@ def numbered(problems: Sequence[str]) -> str:
 
 
 def _printable(text: str) -> str:
-    """A text without control characters, which could steer the terminal."""
+    """A text without control characters, which could control the terminal."""
     return "".join(c if c.isprintable() or c == "\n" else "�" for c in text)
 
 
@@ -162,7 +162,7 @@ def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "")
 
     Close is, in this order: a difference of a letter or two; the only name that contains the word (``play`` is
     ``tendon_sheath_play``); a similar spelling; the only name that begins so; an end that differs by a letter or two.
-    A single letter is no word, and two are no beginning.
+    A single letter does not count as a word, nor two letters as a beginning.
     """
     choices, text = sorted({str(k) for k in known}), str(name)
     likely, plain = _likely(text, choices), text.casefold()
@@ -184,7 +184,7 @@ def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "")
 
 
 def _only(found: list[str]) -> list[str]:
-    """What was found, where it is exactly one."""
+    """The names found where there is exactly one, else none."""
     return found if len(found) == 1 else []
 
 

@@ -10,9 +10,9 @@ from contextlib import AbstractContextManager
 
 
 class RenewedLock:
-    """A lock that is open in a child process, whatever other threads of its parent held it for.
+    """A lock that is free in a child process, even if another thread of the parent held it at the fork.
 
-    It serves where what the lock protects is set up anew by whoever takes it.
+    For data that every holder of the lock sets up again.
     """
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class RenewedLock:
         self._lock.release()
 
     def renew(self) -> None:
-        """Replace the lock by an open one."""
+        """Replace the lock by a free one."""
         self._lock = threading.Lock()
 
 
@@ -39,7 +39,7 @@ def _renew_all() -> None:
 
 
 def hold_over_forks(at_rest: Callable[[], AbstractContextManager[None]]) -> None:
-    """Enter a context before each fork and leave it afterwards, in both processes: the child finds whole what rests."""
+    """Enter a context before each fork and leave it afterwards, in both processes: the child finds consistent data."""
     entered: list[AbstractContextManager[None]] = []
 
     def before() -> None:

@@ -68,8 +68,8 @@ def polynomial_weights(away: np.ndarray) -> np.ndarray:
 def is_held(x: np.ndarray) -> bool:
     """Whether a sampled signal (n,) stands still and then jumps, as the command of a sampled controller does.
 
-    A signal rests and moves in turn without being held: its travel is then made in consecutive samples. Steps of one
-    size are those of a quantised motion, unless they come at multiples of a period.
+    A signal that alternates between rest and motion is not held: its travel is then made in consecutive samples. Steps
+    of one size are those of a quantised motion, unless they come at multiples of a period.
     """
     d = np.diff(x)
     size = np.abs(d)
@@ -95,8 +95,8 @@ def is_held(x: np.ndarray) -> bool:
 def smooth_hold(t: np.ndarray, x: np.ndarray) -> str:
     """``"cubic"`` or ``"linear"``, whichever predicts samples (n,) better from their neighbours.
 
-    A smooth motion is followed by a cubic, which is worse than a straight line where noise or corners are the larger
-    part of what a line leaves.
+    A cubic fits a smooth motion better; it is worse than a straight line where noise or corners dominate the residual
+    of the line.
     """
     if len(t) < MIN_COMPARED:
         return "linear"
@@ -113,7 +113,7 @@ def found_hold(t: np.ndarray, x: np.ndarray, order: int = 0) -> str:
     """The hold of a signal (n,), found from its samples at the times ``t`` [s].
 
     ``"zero"`` where it stands still and then jumps (``is_held``), else as ``smooth_hold`` finds. ``order`` is the
-    highest time derivative of it that is needed, and the curve has it.
+    highest time derivative that is needed, and the curve has that derivative.
     """
     if order == 0 and is_held(x):
         return "zero"

@@ -87,7 +87,7 @@ _NOTED = InterruptFlag()
 
 
 def _interrupt_main() -> None:
-    """Send SIGINT to the main thread, which ends a call of the system in which it waits."""
+    """Send SIGINT to the main thread, which ends a system call in which it waits."""
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
     else:
@@ -142,9 +142,8 @@ def children_ignore_interrupts() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """Let this process, a worker, end with the one that started it, however that ends: it would wait for work for ever.
-
-    A process that is killed cannot tell its workers.
+    """Let this process, a worker, end with the one that started it: otherwise it would wait forever. A process that is
+    killed cannot notify its workers.
     """
     from multiprocessing import parent_process
 

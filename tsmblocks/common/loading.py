@@ -1,4 +1,4 @@
-"""Ctrl-C while the package is being imported for a command: there is nothing to finish yet, and nothing to tell."""
+"""Ctrl-C while the package is being imported for a command: there is nothing to finish or to report yet."""
 
 import os
 import signal

@@ -30,7 +30,7 @@ def free_memory() -> float:
 
 
 def refuse_too_large(size: float, what: str, hint: str = "", error: type[Exception] = DataError) -> None:
-    """Raise an error when ``what`` takes more memory, ``size`` [bytes], than there is; ``hint`` says what would do."""
+    """Raise an error when ``what`` takes more memory, ``size`` [bytes], than is free; ``hint`` suggests a remedy."""
     if size <= SMALL:
         return
     free = free_memory()

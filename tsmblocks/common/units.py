@@ -144,7 +144,7 @@ def _parsed(label: str) -> Unit:
         for key, exponent in base.items():
             powers[key] = powers.get(key, 0) + n * exponent
     if not 1e-60 < factor < 1e60:  # powers of powers; a product of a few such would overflow
-        raise UnitError(f"'{label}' is not a unit known here: its size cannot be held.")
+        raise UnitError(f"'{label}' is not a unit known here: its size is out of range.")
     return Unit(factor, _sorted({k: n for k, n in powers.items() if n}))
 
 

@@ -1,3 +1,3 @@
-"""The version of the package, which everything that writes a file may state."""
+"""The version of the package, for files that state it."""
 
 __version__ = "0.1.0"

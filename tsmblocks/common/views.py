@@ -32,9 +32,9 @@ def view(kind: str, value: Any, **options: Any) -> Any:
     Parameters
     ----------
     kind : {"html", "plot", "report", "svg", "text"}
-        What is wanted: a notebook card, a figure, files in a folder, a drawing, or text for a terminal.
+        Kind of view: a notebook card, a figure, files in a folder, a drawing, or text for a terminal.
     value : object
-        What is shown. Its class, or one that it derives from, must be registered with the ``view`` of the module that
+        The value. Its class, or one that it derives from, must be registered with the ``view`` of the module that
         provides this kind.
     **options
         Passed on to the function registered for the class.
@@ -42,7 +42,7 @@ def view(kind: str, value: Any, **options: Any) -> Any:
     Returns
     -------
     object
-        What that function returns: text for ``"html"``, ``"svg"`` and ``"text"``, a matplotlib figure for
+        The result of that function: text for ``"html"``, ``"svg"`` and ``"text"``, a matplotlib figure for
         ``"plot"``, the path of the folder for ``"report"``.
 
     Raises
