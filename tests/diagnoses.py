@@ -92,7 +92,7 @@ GAP = Gap(
     (0.52 * DEG, 0.104 * DEG),
     {"full": (0.53 * DEG, 0.105 * DEG), "half": (0.51 * DEG, 0.103 * DEG)},
 )
-WHERE = (ResidualCoordinate("direction", 0.9, "the error has one sign forwards and the other backwards"),)
+WHERE = (ResidualCoordinate("direction", 0.9, "the sign of the error depends on the direction"),)
 LIMITS = (
     DetectionLimit(
         "backlash",

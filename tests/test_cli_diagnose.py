@@ -216,8 +216,8 @@ def test_only_what_is_free_is_fitted(run, tmp_path):
             (*BASE[:4], "--noise-floor", "much"),
             "--noise-floor: 'much' is not VALUE, VALUE with a unit, or OUTPUT=VALUE, such as 0.05deg or x_out=0.05deg.",
         ),
-        ((*BASE[:4], "--noise-floor", "0"), "--noise-floor: '0' is not more than 0, and finite."),
-        ((*BASE[:4], "--noise-floor", "1e999"), "--noise-floor: '1e999' is not more than 0, and finite."),
+        ((*BASE[:4], "--noise-floor", "0"), "--noise-floor: '0' is not finite and above 0."),
+        ((*BASE[:4], "--noise-floor", "1e999"), "--noise-floor: '1e999' is not finite and above 0."),
         (
             (*BASE, "--seed", "-1"),
             "argument --seed: '-1' is not a whole number of at least 0. 'tsmblocks diagnose --help' shows what it takes.",

@@ -220,7 +220,7 @@ def test_ctrl_c_gives_the_best_so_far_and_writes_it(run, monkeypatch):
     seen = stops_after(2, monkeypatch)
     status, out, err = run(*words, "--out", "f.toml")
     assert (status, len(seen)) == (130, 2)
-    assert "gauss-newton: interrupted; these are the best numbers so far\n" in out
+    assert "gauss-newton: interrupted; these are the best parameters so far\n" in out
     assert out.endswith("\nwrote f.toml\n")
     assert err == (
         "tsmblocks: stopped before the search was over; what you see and what was written is the best so far.\n"
@@ -300,7 +300,7 @@ def test_ctrl_c_ends_a_comparison_and_says_what_was_not_reached(run, monkeypatch
     stops_after(2, monkeypatch)
     status, out, err = run("compare", *MODELS, "--data", "sheath.csv")
     assert status == 130
-    assert "- linear: interrupted; these are the best numbers so far.\n" in out
+    assert "- linear: interrupted; these are the best parameters so far.\n" in out
     assert err == (
         "tsmblocks: stopped before the search was over; what you see is the best so far. Not reached: play.\n"
     )
@@ -312,7 +312,7 @@ def test_every_file_by_itself(run):
     status, out, err = run(*words, "--out", "b.toml", "--plot", "b.png")
     assert (status, err) == (0, "")
     lines = out.splitlines()
-    assert lines[2] == "rms held out [deg], every file fitted alone; * is the best"
+    assert lines[2] == "rms held out [deg], each file fitted separately; * marks the best"
     assert lines[4].split() == ["model", "sheath", "stiff", "all"]
     assert [line.split()[0] for line in lines[5:7]] == ["play", "linear"]
     assert [cell.endswith("*") for cell in lines[5].split()[1:]] == [True] * 3

@@ -57,7 +57,7 @@ def test_a_compensator_that_makes_matters_worse_says_nothing_about_control():
         "lag", slow, after="limit.y"
     )
     assert consequence(model(low), model(low)) == (
-        "It was not tracked in simulation: the loop around the model, which forms the compensator, has a larger "
+        "Tracking was not simulated: the loop around the model, which forms the compensator, has a larger "
         "error than a constant command."
     )
 
@@ -68,14 +68,14 @@ def test_what_cannot_be_tracked_says_why():
         title="v", blocks={"g": Gain()}, inputs={"x_in": tsm.Inlet("g.u", unit="V")}, outputs={"x_out": "g"}
     ).rewire(blocks={"g": Gain(unit="rad")})
     assert consequence(model(volts, "V"), model(volts, "V")) == (
-        "It was not tracked in simulation: x_in and x_out are not one motion, since they are not in one unit."
+        "Tracking was not simulated: x_in and x_out are not one motion, since their units differ."
     )
     two = model(base)
     two.setup.outputs = ("x_out", "u")
-    assert consequence(two, two) == "It was not tracked in simulation: that takes one input and one output."
+    assert consequence(two, two) == "Tracking was not simulated: that takes one input and one output."
     back = base.with_parameters({"gain.gain": -1.0})
     assert consequence(model(back), model(back)) == (
-        "It was not tracked in simulation: the loop around the model, which forms the compensator, is unstable."
+        "Tracking was not simulated: the loop around the model, which forms the compensator, is unstable."
     )
 
 

@@ -234,7 +234,7 @@ def test_what_is_named_beside_an_error_of_another_kind_is_incomplete():
     found = tsm.diagnose(model, recordings("slow", 4, worn), effects=["backlash", "jump"])
     if found.verdict == "named":
         assert not found.complete
-        assert found.sentence.startswith("More is missing than what is named. ")
+        assert found.sentence.startswith("The named effects do not explain the whole residual. ")
     else:
         assert found.verdict == "unknown"
 

@@ -262,7 +262,8 @@ REFUSED = {
     "noise": (
         lambda: to_c(one(SensorNoise(std=0.1)), step=0.1),
         RunError,
-        "diagram 'one' cannot be written in C: b is made for a whole run at once. Give its signal as an input instead.",
+        "diagram 'one' cannot be written in C: b generates its signal for a whole run at once. Give this signal as "
+        "an input instead.",
     ),
     "name": (
         lambda: to_c(one(Gain()), step=0.1, name="my loop"),

@@ -293,7 +293,7 @@ def test_a_limit_of_iterations_is_a_status(method):
     diagram, *_ = sheath()
     found = tsm.fit(diagram, record(units=RAD, x_in=U, x_out=0.7 * U), method=method, iterations=1, starts=1)
     assert found.status == "limit"
-    assert "stopped at the limit of iterations; it may not have arrived" in str(found)
+    assert "stopped at the limit of iterations; it may not have converged" in str(found)
     assert found.rms <= tsm.score(diagram, record(units=RAD, x_in=U, x_out=0.7 * U), step=found.step).rms
 
 
@@ -348,7 +348,7 @@ def test_stopping_in_progress_keeps_the_best(options, after):
     found = tsm.fit(SHEATH, hard(), progress=progress, step=STEP, **options)
     assert found.status == "interrupted"
     assert calls == after
-    assert "interrupted; these are the best numbers so far" in str(found)
+    assert "interrupted; these are the best parameters so far" in str(found)
     assert found.rms <= begun * (1 + 1e-9)
     if options.get("segments") is None:
         assert found.rms <= min(told) * (1 + 1e-9)

@@ -71,12 +71,12 @@ def test_pieces_that_do_not_join_are_told(monkeypatch):
     monkeypatch.setattr(shooting, "solve", gives_up)
     with pytest.raises(RunError) as caught:
         tsm.fit(pendulum(), balanced(LONG, 0.0), free=list(TRUTH), start=FAR_OFF, method="ipopt", segments=5)
-    jumps = r"a state still jumps by [\d.e+-]+ of its size|the states ran away"
+    jumps = r"a state still jumps by [\d.e+-]+ of its size|the states diverged"
     said = re.sub(jumps, "a state still jumps by 0.5 of its size", str(caught.value))
     assert said == (
         "multiple shooting could not join its 5 pieces (Restoration_Failed): a state still jumps by 0.5 of its size. "
-        "Try more segments, another start, tighter bounds, or fewer free parameters: of two that do the same, one must "
-        "be held."
+        "Try more segments, another start, tighter bounds, or fewer free parameters: of two with the same effect, one "
+        "must be fixed."
     )
 
 

@@ -30,7 +30,7 @@ NO_ARITHMETIC = (
     "this is no arithmetic. Known here: numbers, + - * / **, abs, exp, log, sqrt, sin, cos, tan, tanh, "
     "min, max, pi, and names of parameters."
 )
-NO_COMPARISON = "this compares nothing. Write for example 'theta > 0'."
+NO_COMPARISON = "this is not a comparison. Write for example 'theta > 0'."
 NEVER, ALWAYS = (f"this is always {which}, whatever the parameters are." for which in ("false", "true"))
 
 
@@ -313,7 +313,8 @@ def test_constraints_come_alone_in_a_list_or_by_name():
         ({"c": "A"}, "constraint 'c': " + marked(NO_COMPARISON, "A", "^")),
         (
             "A > 0 and B > 0",
-            "constraint: " + marked("one comparison is wanted. Write several as a list.", "A > 0 and B > 0", "^" * 15),
+            "constraint: "
+            + marked("one comparison is expected. Write several as a list.", "A > 0 and B > 0", "^" * 15),
         ),
         ("A != B", "constraint: " + marked("comparisons are <, <=, >, >=, ==.", "A != B", "^^^^^^")),
         ("A in B", "constraint: " + marked("comparisons are <, <=, >, >=, ==.", "A in B", "^^^^^^")),

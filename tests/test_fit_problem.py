@@ -542,7 +542,7 @@ def test_rounded_times_count_as_even():
 
 def test_uneven_times_are_told():
     _, setup = pose(*CASES["uneven times"][:2], free=["tsm.*"])
-    said = "the samples are unevenly spaced, so the simulation is read off between its steps."
+    said = "the samples are unevenly spaced, so the simulation is interpolated between its steps."
     assert [note for note in setup.notes if "unit" not in note] == [f"one: {said}", f"two: {said}"]
 
 
@@ -554,7 +554,7 @@ def test_a_step_that_does_not_divide_the_samples_is_told():
         starts=1,
     )
     assert found.notes[0] == (
-        "one: the samples, 0.01 s apart, are no multiples of the step of 0.004 s, so the simulation is read off "
+        "one: the samples, 0.01 s apart, are no multiples of the step of 0.004 s, so the simulation is interpolated "
         "between its steps."
     )
 

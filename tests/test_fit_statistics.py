@@ -298,7 +298,7 @@ def test_a_segment_of_few_samples_beside_a_long_one():
             np.full((9, 3), np.nan),
             np.ones(9),
             None,
-            "residuals and their Jacobian must be finite to tell how sure a fit is.",
+            "residuals and their Jacobian must be finite to determine the uncertainty of a fit.",
         ),
         (np.ones((9, 3)), np.ones(9), [slice(0, 5)], "the segments must cover each of the 9 residuals once."),
     ],

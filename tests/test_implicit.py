@@ -241,9 +241,9 @@ def test_a_step_without_a_solution_says_where(backend):
         tsm.simulate(d, stop=0.1, method="sdirk2", initial={"i.integral": 0.0123}, backend=backend)
     assert str(caught.value) == (
         "the equations of sdirk2 for the step to t = 0.002 s have no solution that Newton's method finds, first in "
-        "i.integral. One step before: i.integral = 0.0023. Something that jumps (a sign, a comparison) may leave them "
-        "without one: where a state passes a jump, locate=True steps to it; where a state rests at one, make it "
-        "continuous. A state that grows without bound needs a shorter step."
+        "i.integral. One step before: i.integral = 0.0023. A discontinuity (a sign, a comparison) may leave them "
+        "without a solution: where a state passes a discontinuity, use locate=True; where a state rests at one, "
+        "replace it by a continuous function. A state that grows without bound needs a shorter step."
     )
     assert caught.value.block == "i"
 

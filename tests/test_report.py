@@ -43,7 +43,7 @@ half                          0.510       0.103       0.510      0.101
 noise floor (given)           0.100
 
 residual by coordinate:
-- 90 % of the excess: the error has one sign forwards and the other backwards.
+- 90 % of the excess: the sign of the error depends on the direction.
 
 candidates, round 1 (* named, ~ indistinguishable from it):
   candidate   on                 removes  new exp.  t (2)
@@ -133,7 +133,7 @@ def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
     assert verdict_text.verdict_sentence(UNKNOWN) == (
         "Unmodelled effect between x_in and x_out that the one effect tried does not explain: the best removes 24 % of "
         "the error above the noise floor. Of the residual's mean square, 90 % is predicted from the recorded signals on "
-        "held-out data: the error has one sign forwards and the other backwards. The error of x_out on held-out data "
+        "held-out data: the sign of the error depends on the direction. The error of x_out on held-out data "
         "is 0.520 deg rms, its noise floor 0.100."
     )
 
@@ -141,7 +141,7 @@ def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
 def test_the_verdict_none_says_how_close_the_noise_is():
     assert verdict_text.verdict_sentence(NONE) == (
         "No unmodelled effect between x_in and x_out is detectable with these data. The error of x_out on held-out data "
-        "is 0.103 deg rms, its noise floor 0.100. There is a weak excess, too small to be named with these data."
+        "is 0.103 deg rms, its noise floor 0.100. There is a small error above the noise floor, too small to name an effect with these data."
     )
     assert verdict_text.verdict_sentence(attrs.evolve(NONE, excess=0.01)).endswith("its noise floor 0.100.")
 
@@ -153,7 +153,7 @@ def test_no_coordinate_is_reported_when_none_predicts_the_residual():
 
 def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
     said = attrs.evolve(UNKNOWN, irregular=True, predictable=(0.0, 0.0))
-    sentence = "The residual is irregular: nothing that was recorded predicts it, and it is too large for noise."
+    sentence = "The residual is irregular: no recorded signal predicts it, and it is too large for noise."
     assert sentence in verdict_text.verdict_sentence(said)
     assert verdict_text.next_steps(said)[0].startswith("Record the same motion twice")
     assert verdict_text.next_steps(NAMED) == []
@@ -217,14 +217,14 @@ def test_what_is_left_after_all_that_was_named_is_told():
     )
     assert words in verdict_text.verdict_sentence(more)
     assert verdict_text.verdict_sentence(more).startswith(
-        "More is missing than what is named. Unmodelled effect between"
+        "The named effects do not explain the whole residual. Unmodelled effect between"
     )
     first = tuple(r for r in NAMED.ranking if r.round == 1)
     assert f"a residual that was not examined further, {predicted}" in verdict_text.verdict_sentence(
         attrs.evolve(more, ranking=first)
     )
     slow = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
-    assert "1.7 times the noise floor, which may be slow noise: nothing that was recorded predicts it." in slow
+    assert "1.7 times the noise floor, which may be slow noise: no recorded signal predicts it." in slow
     assert "still" not in verdict_text.verdict_sentence(NAMED)
 
 

@@ -12,8 +12,8 @@ T = 0.02 * np.arange(400)
 SQUARE = np.where(T % 2 < 1, 1.0, -1.0)
 FREE = ["lag.gain", "lag.time_constant"]
 SAID = (
-    "the input u is piecewise constant, and hold='linear' draws each of its steps out over a sample interval. If it "
-    "was a zero-order hold, as a controller applies its command, give hold='zero', or --hold zero."
+    "the input u is piecewise constant, and hold='linear' spreads each of its steps over a sample interval. If it was "
+    "a zero-order hold, as at the output of a sampled controller, give hold='zero', or --hold zero."
 )
 
 

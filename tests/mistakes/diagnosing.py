@@ -122,13 +122,13 @@ def an_effect_settled_in_a_misspelt_state():
 
 @mistake(
     ParameterError,
-    "effect 'louder': nothing would drive the input 'x' of its block at the place 'output' (an input x is driven at the places across, load and brake alone).",
+    "effect 'louder': nothing drives the input 'x' of its block at the place 'output' (an input x is driven at the places across, load and brake alone).",
 )
 def an_effect_that_reads_a_second_signal_where_there_is_none():
     effect(block=PositionDependentLoop(), null={"gain": 0.0})
 
 
-@mistake(ParameterError, "effect 'louder': nothing would drive the input 'w' of its block at the place 'load'.")
+@mistake(ParameterError, "effect 'louder': nothing drives the input 'w' of its block at the place 'load'.")
 def an_effect_that_reads_a_third_signal():
     inner = Diagram(
         title="inner",
@@ -203,7 +203,7 @@ def trials_that_refine_nothing():
 
 @mistake(
     ParameterError,
-    "effect 'late': 'size' must be local, as 'time' is: a shape of each experiment has sizes of its own.",
+    "effect 'late': 'size' must be local, as 'time' is: with a shape of each experiment, sizes are separate too.",
 )
 def an_instant_of_its_own_with_one_size_for_all():
     late = effect(name="late", block=Jump(), null={"size": 0.0}, free=("size", "time"), local=("time",))
@@ -223,7 +223,7 @@ def a_diagnosis_with_progress_that_cannot_be_told():
     tsm.diagnose("tendon_sheath_linear", {}, progress=3)
 
 
-@mistake(ParameterError, "effects names no effect to look for. Leave it out to look for all of the catalogue.")
+@mistake(ParameterError, "effects is empty. Leave it out to try all effects of the catalogue.")
 def a_diagnosis_that_looks_for_nothing():
     t = np.arange(300) * 0.01
     record = tsm.Record("a", t, {"x_in": np.sin(t), "x_out": np.sin(t)}, {"x_in": "rad", "x_out": "rad"})

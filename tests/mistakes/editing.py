@@ -184,7 +184,7 @@ def insert_by_a_name_that_is_none():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. insert 'motor.slack': motor is a TransferFunction, not a diagram, so nothing stands inside it.
+  1. insert 'motor.slack': motor is a TransferFunction, not a diagram, so it contains no blocks.
 """,
 )
 def insert_into_a_block():
@@ -351,7 +351,7 @@ def remove_what_is_not_there():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. remove 'error': it has 2 inputs (plus, minus) and 1 output (y) in use, so what should take its place is not known. Use rewire or replace.
+  1. remove 'error': it has 2 inputs (plus, minus) and 1 output (y) in use, so it is not known which signal should replace it. Use rewire or replace.
 """,
 )
 def remove_a_sum():
@@ -362,7 +362,7 @@ def remove_a_sum():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. remove 'ref': it has no input and 1 output (y) in use, so what should take its place is not known. Use rewire or replace.
+  1. remove 'ref': it has no input and 1 output (y) in use, so it is not known which signal should replace it. Use rewire or replace.
 """,
 )
 def remove_a_source():
@@ -373,7 +373,7 @@ def remove_a_source():
     DiagramError,
     """
 diagram 'motor' (HERE) has 1 problem:
-  1. remove 'motor': it has 1 input (u) and 2 outputs (v, y) in use, so what should take its place is not known. Use rewire or replace.
+  1. remove 'motor': it has 1 input (u) and 2 outputs (v, y) in use, so it is not known which signal should replace it. Use rewire or replace.
 """,
 )
 def remove_a_block_with_two_outputs():
@@ -390,7 +390,7 @@ def remove_a_block_with_two_outputs():
     DiagramError,
     """
 diagram 'axis' (HERE) has 1 problem:
-  1. remove 'rubs': its input v is a rate, which cannot take the place of what it gives. To do without it: replace('rubs', Gain(gain=0.0), ports={'v': 'u'}), or rewire.
+  1. remove 'rubs': its input v is a rate, which cannot replace its output. To remove its effect: replace('rubs', Gain(gain=0.0), ports={'v': 'u'}), or rewire.
 """,
 )
 def remove_friction():

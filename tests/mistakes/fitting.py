@@ -51,7 +51,7 @@ def no_recording_to_fit():
 @mistake(
     DataError,
     "'experiment 2' must be a recording (tsm.read), a file or a pandas frame, got an array of shape (201, 2). "
-    "Of arrays tsm.Record(name, t, signals, units) makes one.",
+    "tsm.Record(name, t, signals, units) makes one from arrays.",
 )
 def a_bare_array_as_a_recording():
     fit([rig(), np.zeros((201, 2))])
@@ -59,8 +59,7 @@ def a_bare_array_as_a_recording():
 
 @mistake(
     DataError,
-    "'rig.json' ends in '.json'; a fitted diagram is written to .toml. Its numbers with their intervals are to_dict() "
-    "and to_pandas().",
+    "'rig.json' ends in '.json'; a fitted diagram is written to .toml. Estimates and intervals are in to_dict() and to_pandas().",
 )
 def a_fit_saved_as_what_it_is_not():
     fit().save("rig.json")
@@ -75,7 +74,7 @@ def an_array_to_be_read():
     tsm.read(T)
 
 
-@mistake(DataError, "two experiments are named 'rig#2'; give a mapping with names of their own.")
+@mistake(DataError, "two experiments are named 'rig#2'; give a mapping with different names.")
 def recordings_whose_names_collide():
     fit([rig(), rig(), rig("rig#2")])
 
@@ -99,7 +98,7 @@ def a_gap_of_nan_in_a_recording():
 
 @mistake(
     DataError,
-    "experiment 'rig': x_out reaches 8e+159, 8e+159 after weighing, and the square of that is no number to work with. Choose another unit.",
+    "experiment 'rig': x_out reaches 8e+159, 8e+159 after weighting, and its square is out of range. Choose another unit.",
 )
 def a_recording_of_absurd_size():
     fit(rig(x_in=U, x_out=8e159 * np.sign(U)))
@@ -234,7 +233,7 @@ def a_local_number_is_misspelt():
     fit(local=["gain.gian"])
 
 
-@mistake(ParameterError, "free 'i.low': it is infinite, so there is no number to find; set it first.")
+@mistake(ParameterError, "free 'i.low': it is infinite, so it cannot be estimated; set a finite value first.")
 def a_limit_that_never_acts_is_freed():
     fit(uy(), of(i=Integrator()), free=["i.low"])
 
@@ -290,7 +289,7 @@ def bounds_of_nan():
     fit(bounds={"gain.gain": (1, np.nan)})
 
 
-@mistake(ParameterError, "bounds of 'lag.time_constant': (-2, -1) leave nothing of what its block allows, (0, inf).")
+@mistake(ParameterError, "bounds of 'lag.time_constant': (-2, -1) do not overlap the bounds of its block, (0, inf).")
 def bounds_that_a_block_excludes():
     fit(uy(), of(lag=FirstOrderLag()), bounds={"lag.time_constant": (-2, -1)})
 
@@ -352,7 +351,7 @@ def a_prior_with_a_negative_deviation():
 
 @mistake(
     ParameterError,
-    "the prior of 'gain.gain' is so narrow (1e-300) that nothing is left to find. Set the number, and do not free it.",
+    "the prior of 'gain.gain' is so narrow (1e-300) that it fixes the parameter. Set its value instead of freeing it.",
 )
 def a_prior_that_leaves_nothing():
     fit(priors={"gain.gain": (1, 1e-300)})
@@ -388,7 +387,7 @@ def a_sigma_too_few():
 
 @mistake(
     DataError,
-    "experiment 'rig': x_out reaches 0.8, 8e-201 after weighing, and the square of that is no number to work with. Choose another unit or sigma.",
+    "experiment 'rig': x_out reaches 0.8, 8e-201 after weighting, and its square is out of range. Choose another unit or sigma.",
 )
 def a_sigma_of_absurd_size():
     fit(rig(x_in=U, x_out=0.8 * np.sign(U)), sigma=1e200)
@@ -481,7 +480,7 @@ def a_start_from_which_the_simulation_runs_away():
 
 @mistake(
     RunError,
-    "the search cannot begin: there the simulation is so far from what was measured that the square of the difference is no number. Is an initial state or a unit wrong?",
+    "the search cannot begin: at its start the simulation is so far from the measurement that the squared residual overflows. Is an initial state or a unit wrong?",
 )
 def a_start_too_far_off_to_be_squared():
     fit(start={"gain.gain": 1e200}, starts=1)
@@ -540,7 +539,7 @@ def an_estimate_is_misspelt():
     fit(starts=1)["gain.gian"]
 
 
-@mistake(ParameterError, "'gain' may be a.gain or b.gain in this fit. Say which.")
+@mistake(ParameterError, "'gain' may be a.gain or b.gain in this fit. Give the full name.")
 def an_estimate_that_may_mean_two():
     fit(uy(), of(a=Gain(), b=Gain()), starts=1)["gain"]
 
@@ -577,7 +576,7 @@ def no_models():
     compare([])
 
 
-@mistake(RunError, "two models are named 'linear'; give a mapping with names of their own.")
+@mistake(RunError, "two models are named 'linear'; give a mapping with different names.")
 def two_models_of_one_name():
     compare(["tendon_sheath_linear", "tendon_sheath_linear"])
 
@@ -609,7 +608,7 @@ def an_unknown_experiment_is_held_out():
     compare(held_out=["bend 60"])
 
 
-@mistake(DataError, "every experiment is held out, so there is nothing to fit.")
+@mistake(DataError, "every experiment is held out, so no data remain to fit.")
 def everything_is_held_out():
     compare(held_out="rig")
 

@@ -182,7 +182,7 @@ def an_equation_that_counts():
 
 @mistake(
     BlockError,
-    "Wrong must not have __init__: it is made from what is declared. Numbers that must go together are for check().",
+    "Wrong must not have __init__: it is made from what is declared. Check parameters against each other in check().",
 )
 def a_constructor_of_ones_own():
     @block(register=False)

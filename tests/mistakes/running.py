@@ -517,7 +517,7 @@ def a_step_with_text():
 
 @mistake(
     RunError,
-    "diagram 'recorded' cannot be run sample by sample: data is made for a whole run at once. Give its signal as an input instead.",
+    "diagram 'recorded' cannot be run sample by sample: data generates its signal for a whole run at once. Give this signal as an input instead.",
 )
 def a_stepper_of_a_recording():
     d = Diagram(title="recorded", blocks=dict(data=Recorded()), outputs={"y": "data"})
@@ -526,7 +526,7 @@ def a_stepper_of_a_recording():
 
 @mistake(
     RunError,
-    "diagram 'rates' cannot be run sample by sample: it needs the derivative of its input 'x', which single values do not have. Use a FilteredDerivative, or an input for the rate.",
+    "diagram 'rates' cannot be run sample by sample: it needs the derivative of its input 'x', which cannot be formed from single values. Use a FilteredDerivative, or an input for the rate.",
 )
 def a_stepper_that_needs_a_derivative():
     d = Diagram(title="rates", blocks=dict(d=Derivative()), inputs={"x": "d.u"}, outputs={"v": "d"})

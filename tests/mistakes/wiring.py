@@ -82,7 +82,7 @@ def a_block_was_never_added():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. wire 'ref -> error.0': the ports of error (Sum) go by name, not by number. Its inputs: plus, minus.
+  1. wire 'ref -> error.0': the ports of error (Sum) are named, not numbered. Its inputs: plus, minus.
 """,
 )
 def a_port_number_instead_of_a_name():
@@ -296,7 +296,7 @@ def an_output_that_shows_nothing():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. wire 'motor -> angle' names 'angle', which is an output of the diagram: say under outputs what it shows.
+  1. wire 'motor -> angle' names 'angle', which is an output of the diagram: give its signal under outputs.
 """,
 )
 def a_wire_to_an_output_of_the_diagram():
@@ -694,7 +694,7 @@ def a_loop_with_a_gain_of_one():
 
 @mistake(
     NotFinite,
-    "the algebraic loop error.y -> m.y -> error.y has no solution at t = 0.26 s that Newton's method finds, from the last one and from 30 other starts. One step before: error.y = 0.5, m.y = 0.25. Something that jumps (a sign, a comparison) may leave a loop without one; break it with a block that has a state (a lag, an integrator).",
+    "the algebraic loop error.y -> m.y -> error.y has no solution at t = 0.26 s that Newton's method finds, from the last one and from 30 other starts. One step before: error.y = 0.5, m.y = 0.25. A discontinuity (a sign, a comparison) may leave a loop without a solution; break it with a block that has a state (a lag, an integrator).",
 )
 def a_loop_that_loses_its_solution():
     blocks = dict(ref=Ramp(), error=Sum(signs="++"), m=Product())

@@ -67,8 +67,7 @@ def as_callback(given: Any, arguments: str) -> Any:
 
 
 def as_list(names: Iterable[str] | str | None) -> list[str]:
-    """Names as a list: a single name, or anything else that is not iterable, as a list of one; None as an empty
-    list."""
+    """Names as a list: a single name, or anything that is not iterable, as a list of one; None as an empty list."""
     if names is None or isinstance(names, str):
         return [] if names is None else [names]
     try:

@@ -31,7 +31,7 @@ Windows = Mapping[str, Window] | None
 
 @attrs.frozen(eq=False)
 class Request:
-    """What is to be diagnosed, and how.
+    """The request of a diagnosis: diagram, recordings and settings.
 
     ``measured`` are the outputs compared; ``patterns`` the names of effects as they were given, None for all of the
     catalogue; ``noise_floors`` the given ones as (rms in the diagram's unit, text). ``spans`` holds the first and the
@@ -52,7 +52,7 @@ class Request:
 
     @property
     def notes(self) -> list[str]:
-        """What to know of the recordings before anything is fitted."""
+        """Notes on the recordings, before anything is fitted."""
         result = [*self.adopted]
         result += without_units(self.records, self.diagram, self.measured)
         result += [f"{name}: {text}" for name, r in self.records.items() for text in r.notes]
@@ -116,7 +116,7 @@ def _measured(
     if not measured:
         raise DataError(
             f"of '{diagram.title}' only {', '.join(names)} was measured, which is an input of the diagram "
-            "itself: there is nothing in between to diagnose."
+            "itself: there is no model in between to diagnose."
         )
     for name, record in records.items():  # before any filter spreads a missing sample over its neighbours
         for k in (*(k for k in diagram.inports if k in record), *measured):
@@ -135,7 +135,7 @@ def _selected(patterns: tuple[str, ...] | None) -> tuple[Effect | Relative, ...]
     if patterns is None:
         return every
     if not patterns:
-        raise ParameterError("effects names no effect to look for. Leave it out to look for all of the catalogue.")
+        raise ParameterError("effects is empty. Leave it out to try all effects of the catalogue.")
     known = {e.name for e in every}
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in known):

@@ -80,7 +80,7 @@ def _whole_diagram(
 def _with_simulation(
     diagram: Diagram, request: Request, parts: Sequence[DiagnosedPart], models: Sequence[Model]
 ) -> Diagram:
-    """The diagram with how its models were simulated: what running it on the recordings needs to give their errors.
+    """The diagram with the settings of its simulation, so that a run on the recordings reproduces their errors.
 
     Its own initial states are those of the first recording. A simulation that restarted within a recording is known by
     the states of the first piece.

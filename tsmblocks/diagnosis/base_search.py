@@ -1,4 +1,4 @@
-"""Whether the base alone does what an effect was named for: a search of the base from the named model's parameters."""
+"""Whether the base explains a named effect's gain: a search of the base from the parameters of the model with it."""
 
 from __future__ import annotations
 

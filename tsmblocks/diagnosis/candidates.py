@@ -56,7 +56,7 @@ class Candidate:
 
     @property
     def replaced(self) -> str:
-        """The name of the block that is replaced; empty for an effect that adds one."""
+        """The name of the block that is replaced; empty for an effect that adds a block."""
         return self.block if isinstance(self.effect, Replacement) else ""
 
     def owns(self, parameter: str) -> bool:
@@ -210,7 +210,7 @@ def _available_orders(model: Model) -> dict[str, float]:
 
 
 def replacement_candidates(model: Model, wires: WireSignals, points: Sequence[ReplacementPoint]) -> list[Candidate]:
-    """Every relative in place of a block of the model whose signals are not at rest."""
+    """Every replacement of a block of the model by a relative, where its signals are not at rest."""
     found: list[Candidate] = []
     base, orders = model.fitted_diagram, _available_orders(model)
     moving = [p for p in points if _moves(wires.span(p.signal)) and _moves(wires.span(p.other))]

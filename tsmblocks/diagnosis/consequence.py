@@ -29,7 +29,7 @@ DIVERGENCE_RATIO = 100.0
 MAX_STEPS = 2_000_000
 """Steps of one simulation at most. Chosen: for the run time, about a second."""
 
-NOT_TRACKED = "It was not tracked in simulation:"
+NOT_TRACKED = "Tracking was not simulated:"
 LOOP = "the loop around the model, which forms the compensator,"
 Errors = tuple[float, float]
 
@@ -46,7 +46,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     (inlet,), (outlet,) = inputs, outputs
     unit = augmented.diagram.unit(outlet)
     if not unit or augmented.diagram.inports[inlet].unit != unit:
-        return f"{NOT_TRACKED} {inlet} and {outlet} are not one motion, since they are not in one unit."
+        return f"{NOT_TRACKED} {inlet} and {outlet} are not one motion, since their units differ."
     record = experiment.record
     wanted, plant = record.values(inlet, unit), _of_first_experiment(augmented)
     models = [None, _of_first_experiment(base), plant]

@@ -1,6 +1,6 @@
 """Evidence of a model error: whether the residual can be predicted, on data held out, from what was recorded.
 
-A model error comes back where the motion comes back; noise does not, whatever its spectrum.
+A model error repeats with the motion; noise does not, whatever its spectrum.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Motions = Mapping[str, Sequence[np.ndarray]]
 
 @attrs.frozen
 class Evidence:
-    """How much of a residual is predicted on held-out stretches.
+    """How much of a residual is predicted on held-out blocks.
 
     ``share`` is the share of the mean square that is predicted (below zero: none), ``critical`` the share that is
     exceeded with noise alone with a probability of 1 %, ``p`` the share of surrogates that reach ``share``. ``rest`` is
@@ -81,7 +81,7 @@ def is_material(share: float) -> bool:
 
 
 def evidence(model: Model, seed: int) -> Evidence:
-    """Predict the residual of a model from its inputs and outputs, by ridge regression on held-out stretches.
+    """Predict the residual of a model from its inputs and outputs, by ridge regression on held-out blocks.
 
     Features are powers, rates, directions, plays of several widths, lags and ripples of each signal. The share that is
     predicted is held against that of surrogates of the residual.

@@ -250,11 +250,11 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
             raise
         if one.verdict.named is not None and bases < MAX_BETTER_BASES:
             better = better_base(model, one.verdict.named, search.noise_variance)
-            if better is not None:  # the round again: the effect may have stood in for a poor optimum
+            if better is not None:  # the round again: the effect may have compensated for a poor optimum
                 model, bases = better, bases + 1
                 continue
         general = generalized(rounds[-1].verdict, one.verdict, search.noise_variance) if len(rounds) > first else None
-        if general is not None:  # it takes the place of the effect before, and the search goes on from there
+        if general is not None:  # it replaces the effect before, and the search continues from there
             one, shrinkage = attrs.evolve(rounds.pop(), verdict=general), before
         rounds.append(one)
         if one.verdict.named is None:
@@ -309,8 +309,8 @@ def attained_noise(rounds: Sequence[SearchRound], search: SearchContext) -> floa
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
     """Rounds in which every effect is still the one that would be named beside all the others.
 
-    Forward selection names the first effect while the others are not in the model yet: one effect may then stand in
-    for two, or for another. Each round but the last is repeated beside the effects of all the others.
+    Forward selection names the first effect while the others are not in the model yet: one effect may then replace two
+    others, or another one. Each round but the last is repeated beside the effects of all the others.
     """
     rounds = list(rounds)
     for _ in range(MAX_EFFECTS):

@@ -52,7 +52,7 @@ class InsertionPoint:
         return edited if self.adds is None else self.adds(edited, name)
 
     def code(self, name: str, block: Block | Diagram) -> str:
-        """What ``put`` does, as an expression of a script with ``…`` in the place of the block."""
+        """What ``put`` does, as an expression of a script with ``…`` for the block."""
         place = f"before={self.before!r}" if self.before else f"after={self.after!r}"
         wires = self._wires(name, block)
         if _has_several_outputs(block):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from tsmblocks.common.tables import listed
 
 PLACEHOLDER = "\0"
-"""In the place of each number while notes are compared."""
+"""Replaces each number while notes are compared."""
 _NUMBER = re.compile(r"(?:\d{4}-\d\d-\d\d )?\d\d:\d\d:\d\d(?:\.\d+)?|(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
 
 

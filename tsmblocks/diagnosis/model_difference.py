@@ -30,7 +30,7 @@ class ChangedParameter:
 
 @attrs.frozen
 class Difference:
-    """What turns one diagram into another: blocks as code by name, wires in wire notation, changed parameters."""
+    """The changes from one diagram to another: blocks as code by name, wires in wire notation, changed parameters."""
 
     added: dict[str, str]
     removed: dict[str, str]
@@ -51,7 +51,7 @@ class Difference:
 
 
 def difference(before: Diagram, after: Diagram) -> Difference:
-    """What turns ``before`` into ``after``."""
+    """The changes from ``before`` to ``after``."""
     old, new = _all_wires(before), _all_wires(after)
     known = before.parameters
     parameters = tuple(

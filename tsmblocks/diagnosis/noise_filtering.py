@@ -1,4 +1,4 @@
-"""Memories in front of a model that do no more than to take the noise of its input away."""
+"""Memories in front of a model that only remove the noise of its input."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class NoiseFloors:
 
     @property
     def notes(self) -> list[str]:
-        """What speaks against the floors."""
+        """Doubts about the noise floors."""
         return [f"the noise floor of {name}, from {self.method[name]}: {text}." for name, text in self.doubt.items()]
 
     def largest_ratio(self, output: str) -> float:
@@ -156,12 +156,12 @@ def lowered_noise_floors(
             meant = f" ({unit})" if unit else ""
             more_notes.append(
                 f"the noise floor given for {name} ({floor}) is above the residual of the base ({rms} rms), "
-                f"so nothing can be found: is it in the right unit{meant}?"
+                f"so no effect can be found: is it in the right unit{meant}?"
             )
             continue
         fast = fast_noise_of_recordings(records, name, unit)
         if 0 < fast < sigma[name]:
-            taken = f"{in_display_units(fast, unit)} of fast noise is taken instead"
+            taken = f"{in_display_units(fast, unit)} of fast noise is used instead"
             more_notes.append(
                 f"the noise floor of {name} found in {method[name]} ({floor}) is above the residual of the base "
                 f"({rms} rms); {taken}."

@@ -18,7 +18,7 @@ from tsmblocks.model.diagram import Diagram
 MIN_BIN_BLOCKS = 3
 """Time blocks of a bin from which the standard error of its mean is estimated. Chosen."""
 MAX_SIZES = 2
-"""Sizes of an effect that a sentence reports. Chosen: all of them are in the tables."""
+"""Sizes of an effect that are reported in a sentence. Chosen: all of them are in the tables."""
 DARKEST = 4.0
 """Excess, in variances of the noise, at which a block of a strip is as dark as it gets. Chosen."""
 
@@ -65,7 +65,7 @@ def main_parameter(effect: NamedEffect, segment: Segment) -> str:
 
 
 def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
-    """The size of an effect in words, in terms that a person would measure: ``gap width 3.01 ± 0.02 deg``.
+    """The measurable size of an effect in words: ``gap width 3.01 ± 0.02 deg``.
 
     At most ``MAX_SIZES``. Where each experiment has a value of its own, the largest one; of an effect that defines no
     sizes its main parameter.

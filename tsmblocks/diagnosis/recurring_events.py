@@ -1,4 +1,4 @@
-"""Sudden changes that come and go at instants of their own in each experiment are no event that has a name."""
+"""Sudden changes at several instants of each experiment are irregular, and not named as single events."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def without_recurring_events(
     made.append(closing_round(model, shrinkage, attrs.evolve(search, effects=effects)))
     words = ", ".join(dict.fromkeys(one.candidate.effect.words for one in events))
     text = (
-        f"{len(events)} effects of time ({words}) would be needed, of another size in each experiment: what comes and "
-        "goes so often is irregular, and it is not named."
+        f"{len(events)} effects of time ({words}) would be needed, with another size in each experiment: an error that "
+        "comes and goes so often is irregular, and no effect is named for it."
     )
     return made, [text]
 

@@ -31,12 +31,12 @@ class ReplacementPoint(InsertionPoint):
         return self.before.partition(".")[0]
 
     def put(self, diagram: Diagram, name: str, block: Block | Diagram) -> Diagram:
-        """The diagram with ``block`` in the place of the old one, under the same name."""
+        """The diagram with the old block replaced by ``block``, under the same name."""
         edited = diagram.replace(name, block, ports=self.relative.ports)
         return edited.remove(self.rate) if self.rate else edited
 
     def code(self, name: str, block: Block | Diagram) -> str:
-        """What ``put`` does, as an expression of a script with ``…`` in the place of the block."""
+        """What ``put`` does, as an expression of a script with ``…`` for the block."""
         ports = f", ports={dict(self.relative.ports)!r}" if self.relative.ports else ""
         removed = f".remove({self.rate!r})" if self.rate else ""
         return f"diagram.replace({name!r}, …{ports}){removed}"

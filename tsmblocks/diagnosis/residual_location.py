@@ -24,17 +24,17 @@ MIN_BIN_SAMPLES = 10
 """Samples of the other folds beyond which the mean of a bin is used. Chosen."""
 _SINCE = "since the last reversal, with the sign of the direction"
 COORDINATES = {
-    "position": ("{}", "the error follows the position"),
-    "direction": ("", "the error has one sign forwards and the other backwards"),
+    "position": ("{}", "the error depends on the position"),
+    "direction": ("", "the sign of the error depends on the direction"),
     "direction x position": ("{}", "the error grows with the position, with the sign of the direction"),
-    "speed": ("{}/s", "the error follows the speed"),
-    "acceleration": ("{}/s^2", "the error follows the acceleration"),
-    "distance since reversal": ("{}", f"the error follows the distance {_SINCE}"),
-    "time since reversal": ("s", f"the error follows the time {_SINCE}"),
-    "session time": ("s", "the error follows the session time"),
+    "speed": ("{}/s", "the error depends on the speed"),
+    "acceleration": ("{}/s^2", "the error depends on the acceleration"),
+    "distance since reversal": ("{}", f"the error depends on the distance {_SINCE}"),
+    "time since reversal": ("s", f"the error depends on the time {_SINCE}"),
+    "session time": ("s", "the error depends on the session time"),
     "experiment": ("", "the error differs from experiment to experiment"),
 }
-"""The unit of each coordinate, with that of the motion in place of the braces, and what a dependence on it means."""
+"""The unit of each coordinate, with that of the motion for the braces, and the meaning of a dependence on it."""
 
 
 def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.ndarray]:

@@ -40,9 +40,9 @@ class NamedEffect:
     ``wire`` is where ``block`` was inserted, in wire notation; ``share_removed`` the share of the error above the noise
     floor that it removes on held-out blocks, with the effects before it in the model; ``across`` the same with whole
     experiments held out (None with a single one). ``also_possible`` are effects indistinguishable from it with these
-    data, and ``separating_experiment`` is one that separates them. ``code`` is the line that adds the block.
-    ``sizes`` are what a person would measure of it (an amplitude, a gap, a frequency), derived from ``parameters``, the
-    most telling first; empty for an effect that defines none.
+    data, and ``separating_experiment`` is one that separates them. ``code`` is the line that adds the block. ``sizes``
+    are measurable quantities (an amplitude, a gap, a frequency), derived from ``parameters``, the most informative
+    first; empty for an effect that defines none.
     """
 
     name: str
@@ -122,8 +122,8 @@ class ResidualCoordinate:
 class DetectionLimit:
     """The smallest detectable size of an effect in these experiments; None where they do not excite it.
 
-    ``value`` is that of ``parameter``; ``size`` [``size_unit``] the same as the quantity ``size_name`` that a person
-    would measure, where the effect defines one that is in proportion to it.
+    ``value`` is that of ``parameter``; ``size`` [``size_unit``] the same as the measurable quantity ``size_name``,
+    where the effect defines one that is proportional to it.
     """
 
     name: str

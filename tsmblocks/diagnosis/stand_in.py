@@ -1,4 +1,4 @@
-"""A name that explains a part of an error that comes back, and leaves the rest of it, stands in for another effect."""
+"""An effect that explains only a part of an error that repeats with the motion is another effect than the one named."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def stands_in(
     varying: VaryingFactor | None,
     search: SearchContext,
 ) -> bool:
-    """Whether the ``count`` effects that were named leave so much that comes back that their names do not hold.
+    """Whether the ``count`` effects that were named leave so much of a repeating error that their names do not hold.
 
     A block differs in form from a real effect by a part of the error. Where more than 1 - ``MIN_JOINT_SHARE`` of the
     excess is left, and it is no noise since the motion predicts it (``left``; ``before`` without effects) or it is

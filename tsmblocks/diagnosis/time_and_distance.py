@@ -1,4 +1,4 @@
-"""Effects that take a time and effects that take a distance: one motion at one frequency does not tell them apart.
+"""Effects that take a time and effects that take a distance: indistinguishable in one motion at one frequency.
 
 A dead time T and a presliding distance or gap d shift a sine of amplitude X and frequency f alike where
 d is about 2 pi f T X: only a second frequency, or a second amplitude, separates them.

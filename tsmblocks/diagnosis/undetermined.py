@@ -1,4 +1,4 @@
-"""Accepted effects that are not determined beside the others are left out, and what they hid is searched for again."""
+"""Accepted effects that are not determined beside the others are left out, and the search is repeated without them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tsmblocks.diagnosis.model import Model
 from tsmblocks.effects import Effect, Relative
 
 MAX_TURNS = 2
-"""Times that the search goes on without an effect that was left out. Chosen: for the run time."""
+"""Times that the search continues without an effect that was left out. Chosen: for the run time."""
 
 LeftOut = tuple[list[SearchRound], Model, Shrinkage]
 """The rounds of the effects that stay, the model with them, and their shrinkage."""
@@ -32,7 +32,7 @@ def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -
     """Rounds in which every accepted effect is determined beside all the others.
 
     One that is not is left out, or the one that was named last and made it so, whichever leaves less. The search then
-    goes on without its name: the next best candidate has its turn, which may be a simpler variant of the same effect.
+    continues without its name: the next best candidate is tried, which may be a simpler variant of the same effect.
     """
     rounds, redundant = list(rounds), redundant_parameters(rounds[0].base)
     for more in reversed(range(MAX_EFFECTS)):

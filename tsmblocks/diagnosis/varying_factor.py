@@ -1,4 +1,4 @@
-"""A model error in proportion to the motion by a factor that varies slowly, such as a gain or a damping that drifts.
+"""A model error proportional to the motion with a factor that varies slowly, such as a gain or a damping that drifts.
 
 No function of the motion predicts it, since the factor is different each time. But over a time in which the factor is
 constant, the residual is proportional to the position, speed, direction or acceleration; noise is not.
@@ -63,7 +63,7 @@ class VaryingFactor:
     def words(self) -> str:
         """The coordinate and the time in words."""
         kind, _, name = self.signal.partition(" ")
-        return f"the {self.coordinate} of {name} ({kind}), by a factor that varies over some {self.window:.2g} s"
+        return f"the {self.coordinate} of {name} ({kind}), with a factor that varies over about {self.window:.2g} s"
 
 
 def varying_factor(model: Model, seed: int) -> VaryingFactor | None:

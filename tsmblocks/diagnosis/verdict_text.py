@@ -31,7 +31,7 @@ def verdict_sentence(segment: Segment) -> str:
         effects = f"Unmodelled effect{'s' if len(named) > 1 else ''}"
         also = sorted({name for e in segment.effects for name in e.also_possible})
         possible = f"Also possible: {listed(also, 9) if also else _no_other(segment)}."
-        first = "" if segment.complete else "More is missing than what is named. "
+        first = "" if segment.complete else "The named effects do not explain the whole residual. "
         return f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
     if segment.verdict == "unknown":
         best = max((r.share for r in segment.ranking if r.fitted and r.round == 1), default=0.0)
@@ -39,7 +39,11 @@ def verdict_sentence(segment: Segment) -> str:
             f"Unmodelled effect {between} that {_none_tried(segment)}: the best removes "
             f"{percent(max(best, 0.0))} of the error above the noise floor. {_shape(segment)} {_error(segment)}{ahead}"
         )
-    weak = " There is a weak excess, too small to be named with these data." if segment.excess > WEAK_EXCESS else ""
+    weak = (
+        " There is a small error above the noise floor, too small to name an effect with these data."
+        if segment.excess > WEAK_EXCESS
+        else ""
+    )
     none = f"No unmodelled effect {between} is detectable with these data."
     return f"{none} {_error(segment)}{_slow_noise(segment) or weak}{_implausible_floor(segment)}"
 
@@ -65,11 +69,11 @@ def _none_tried(segment: Segment) -> str:
 
 
 def _shape(segment: Segment) -> str:
-    """What predicts the residual, and how much of it."""
+    """What predicts the residual, and which share of it."""
     if segment.varies_with:
-        return f"The residual is in proportion to {segment.varies_with}."
+        return f"The residual is proportional to {segment.varies_with}."
     if segment.irregular:
-        return "The residual is irregular: nothing that was recorded predicts it, and it is too large for noise."
+        return "The residual is irregular: no recorded signal predicts it, and it is too large for noise."
     along = "; ".join(w.words for w in segment.where)
     share = f"Of the residual's mean square, {percent(segment.predictable[1])} is predicted from the recorded signals"
     return f"{share} on held-out data{f': {along}' if along else ''}."
@@ -81,16 +85,16 @@ def _slow_noise(segment: Segment) -> str:
     if gap.given or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
         return ""
     return (
-        f" That is {gap.held_out[0] / gap.noise_floor:.2g} times the noise floor (from {gap.method}), but nothing that "
-        "was recorded predicts it on held-out data: slow noise of that size and a model error that does not come back "
-        "with the motion are indistinguishable."
+        f" That is {gap.held_out[0] / gap.noise_floor:.2g} times the noise floor (from {gap.method}), but no recorded "
+        "signal predicts it on held-out data: slow noise of that size and a model error that does not repeat with the "
+        "motion are indistinguishable."
     )
 
 
 def next_steps(segment: Segment) -> list[str]:
     """What to do next where a residual is not explained, or where noise and a model error are indistinguishable."""
     given = all(gap.given for gap in segment.gaps)
-    repeat = "Record the same motion twice: a model error comes back, noise does not."
+    repeat = "Record the same motion twice: a model error repeats, noise does not."
     floor = "Give the noise of the sensor (noise_floor), from a recording at rest or from its data sheet."
     alone = [] if segment.verdict == "named" and segment.complete else _odd_experiments(segment)
     if segment.verdict == "none":
@@ -100,27 +104,27 @@ def next_steps(segment: Segment) -> list[str]:
     if segment.varies_with:
         return [
             *alone,
-            f"Find what else changes over that time: the residual is in proportion to {segment.varies_with}. Record "
-            "what may cause it (a temperature, a preload, a supply), or repeat one motion without a pause.",
+            f"Find what else changes over that time: the residual is proportional to {segment.varies_with}. Record "
+            "possible causes (a temperature, a preload, a supply), or repeat one motion without a pause.",
         ]
     if segment.irregular:
         return [
             *alone,
             repeat,
             *([] if given else [floor]),
-            "If it does not come back: record what else may act (a load, a second input, the temperature, a supply).",
+            "If it does not repeat: record other possible causes (a load, a second input, the temperature, a supply).",
         ]
     return [
         *alone,
         *_others_to_try(segment),
         "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare.",
-        "Record more of the motion along which the error is predicted; it then shows its shape.",
+        "Record more of the motion along which the error is predicted, to show its shape.",
         "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
     ]
 
 
 def _others_to_try(segment: Segment) -> list[str]:
-    """The effects of the catalogue that were not asked for."""
+    """The effects of the catalogue that were not requested."""
     others = {one.name for one in catalogue()} - {m.name for m in segment.limits} - set(segment.effects_tried)
     if not others or not segment.limits:
         return []
@@ -128,7 +132,7 @@ def _others_to_try(segment: Segment) -> list[str]:
 
 
 def _odd_experiments(segment: Segment) -> list[str]:
-    """An experiment whose error is far from that of all others: something may have happened in it alone."""
+    """An experiment whose error is far from that of all others: something may have changed in it only."""
     steps = []
     for gap in segment.gaps:
         rms = {name: errors[-1] for name, errors in gap.experiments.items()}
@@ -137,7 +141,8 @@ def _odd_experiments(segment: Segment) -> list[str]:
         if len(others) >= MIN_OTHERS and rms[odd] > ODD_RATIO * max(others):
             ratio = rms[odd] / np.median(others)
             steps.append(
-                f"Look at {odd} alone: its error of {gap.output} is {ratio:.1f} times that of the other experiments, "
+                f"Examine {odd} separately: its error of {gap.output} is {ratio:.1f} times that of the other "
+                "experiments, "
                 "so something may have changed in it (a parameter, a load, a sensor)."
             )
     return steps
@@ -188,7 +193,7 @@ def _remaining(segment: Segment, gap: Gap) -> str:
         return ""
     still = f"That is still {ratio:.1f} times the noise floor"
     if segment.complete:
-        return f"{still}, which may be slow noise: nothing that was recorded predicts it."
+        return f"{still}, which may be slow noise: no recorded signal predicts it."
     searched = any(r.round > len(segment.effects) for r in segment.ranking)
     why = f"that {_none_tried(segment)}" if searched else "that was not examined further"
     share = percent(segment.predictable[1])

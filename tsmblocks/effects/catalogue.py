@@ -41,7 +41,7 @@ def relatives() -> tuple[Relative, ...]:
 
 
 def register(effect: One) -> One:
-    """Add an effect to the catalogue, or a relative to the blocks that may replace others.
+    """Add an effect, or a relative, to the catalogue.
 
     Where its block has been redefined (in a notebook, or a reloaded module), it replaces the effect of the earlier one.
 
@@ -84,7 +84,7 @@ def _is_redefined(old: Effect | Relative, new: Effect | Relative) -> bool:
 
 
 def _key(one: Effect | Relative) -> tuple[str, str, str | type]:
-    """What no two effects, and no two relatives, have in common."""
+    """The key that identifies an effect, or a relative."""
     return one.name, one.variant, one.place if isinstance(one, Effect) else one.of
 
 

@@ -18,7 +18,7 @@ ones. Chosen: the range of drives and sensors, a factor of three to five apart."
 TRIAL_COEFFICIENT = 0.01
 """Trial coefficient of a term in the rate [s], less for signals that are faster. Chosen: the range of drives."""
 MODE_REACH = 20.0
-"""Largest swing of a mode when a recording begins [half the range of the input]. Chosen: one of light damping rings."""
+"""Largest initial amplitude of a mode [half the range of the input]. Chosen: one of light damping rings."""
 MODE_SHARE = 0.02
 """Trial share of a mode in the output [range of the output over that of the input]. Chosen."""
 MIN_SWINGS = 3.0
@@ -110,7 +110,7 @@ DEAD_TIME = Effect(
     lambda scales: _trial_times("time", scales, 0.05 * scales.shortest),
     excites="fast motion, at more than one frequency",
     confused=("first_order_lag", "resonance", "rate_dependence"),
-    separates="a chirp to the highest frequency the drive can follow",
+    separates="a chirp to the highest frequency that the drive can follow",
     sizes=(in_proportion("delay", "time", "ms", MILLISECONDS),),
 )
 LAG = Effect(
@@ -124,7 +124,7 @@ LAG = Effect(
     lambda scales: _trial_times("time_constant", scales, 0.1 * scales.shortest),
     excites="fast motion, at more than one frequency",
     confused=("dead_time", "resonance", "rate_dependence"),
-    separates="a chirp to the highest frequency the drive can follow",
+    separates="a chirp to the highest frequency that the drive can follow",
     sizes=(TIME_CONSTANT,),
 )
 RESONANCE = Effect(
@@ -183,7 +183,7 @@ EFFECTS = (
     in_front(BASE_EXCITED, "a resonance in front of the model"),
     attrs.evolve(
         RESONANCE,
-        words="a further mode beside the model (a linear model of higher order)",
+        words="a further mode in parallel with the model (a linear model of higher order)",
         place="across",
         block=ParallelResonance(),
         null={"gain": 0.0, "rate_gain": 0.0},

@@ -76,8 +76,8 @@ class Effect:
         For the wire of one diagram: what else changes, a function from the diagram with the block in it, and the
         block's name, to a diagram.
     sizes : tuple of Size, default ()
-        What a person would measure of it, the most telling first: an amplitude, a gap, a frequency. Texts and pages
-        report them with intervals; of an effect without any they report the parameters.
+        Measurable sizes of it, the most informative first: an amplitude, a gap, a frequency. Texts and pages report
+        them with intervals; for an effect without any they report the parameters.
 
     Raises
     ------
@@ -147,7 +147,7 @@ class Effect:
 
 
 def in_front(effect: Effect, words: str = "") -> Effect:
-    """The variant of an effect that acts on the input, before all that the model holds; in ``words`` of its own."""
+    """The variant of an effect that acts on the input, in front of the whole model; its ``words`` say so."""
     said = words or f"{effect.words}, in front of the model"
     return attrs.evolve(effect, words=said, place="input", variant="input")
 
@@ -209,7 +209,7 @@ def refuse(effect: Any, faults: Iterator[str]) -> None:
 
 
 def _faults(effect: Effect) -> Iterator[str]:
-    """What is wrong with an effect, which would otherwise be left out without a message."""
+    """The fault of an effect, which would otherwise be left out without a message."""
     if not isinstance(effect.name, str) or not effect.name.isidentifier():
         yield (
             "blocks are named after it, so its name must be letters, digits and underscores, not starting with a digit."
@@ -225,7 +225,7 @@ def _faults(effect: Effect) -> Iterator[str]:
 
 
 def parameter_faults(effect: Effect) -> Iterator[str]:
-    """What is wrong with the parameters that an effect names."""
+    """The fault of the parameters that an effect names."""
     numbers, states = parameters_of(effect.block), _states(effect.block)
     yield from _unknown((*effect.null, *effect.free), numbers, "its block has no parameter '{}'.")
     for name, value in effect.null.items():
@@ -237,7 +237,7 @@ def parameter_faults(effect: Effect) -> Iterator[str]:
         yield from _unknown(getattr(effect, what), effect.free, f"{what} names '{{}}', which is not free to be fitted.")
     yield from _unknown(effect.settled, states, "its block has no state '{}' to initialise.")
     for odd in (one for one in effect.sizes if not isinstance(one, Size)):
-        yield f"sizes must hold Size alone, got {in_words(odd)}."
+        yield f"sizes must be Size objects, got {in_words(odd)}."
 
 
 def _port_faults(effect: Effect) -> Iterator[str]:
@@ -247,8 +247,8 @@ def _port_faults(effect: Effect) -> Iterator[str]:
     reads = ("u", "x") if effect.place in TWO_SIGNAL_PLACES or effect.reads else ("u",)
     for name, inlet in effect.block.inports.items():
         if name not in reads and not getattr(inlet, "rate_of", ""):
-            also = f" (an input x is driven at the places {listed(TWO_SIGNAL_PLACES)} alone)" if name == "x" else ""
-            yield f"nothing would drive the input '{name}' of its block at the place '{effect.place}'{also}."
+            also = f" (an input x is driven only at the places {listed(TWO_SIGNAL_PLACES)})" if name == "x" else ""
+            yield f"nothing drives the input '{name}' of its block at the place '{effect.place}'{also}."
 
 
 def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
@@ -268,9 +268,12 @@ def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
         ):
             yield from _unknown(names, known, f"{what} of its trials name '{{}}', which is not free to be fitted.")
         for name in (k for k in effect.local if k not in trials.strengths and k != trials.refine):
-            yield f"'{name}' has a value of its own in each experiment, so it must be a strength of its trials."
+            yield f"'{name}' has its own value in each experiment, so it must be a strength of its trials."
         for name in (k for k in trials.strengths if trials.refine in effect.local and k not in effect.local):
-            yield f"'{name}' must be local, as '{trials.refine}' is: a shape of each experiment has sizes of its own."
+            yield (
+                f"'{name}' must be local, as '{trials.refine}' is: with a shape of each experiment, sizes are separate "
+                "too."
+            )
         for name in (k for k in trials.fixed if k in free):
             yield f"its trials fix '{name}', which is free to be fitted; a parameter is one or the other."
         yield from _unknown(trials.fixed, numbers, "its trials fix '{}', which is no parameter of its block.")

@@ -157,13 +157,13 @@ POSITION_EFFECTS = (
     Effect(
         "presliding_friction",
         "friction",
-        "friction that yields before it slides (presliding)",
+        "presliding friction (elastic before it slides)",
         "load",
         _resisting("presliding friction", {"friction": DahlFriction(sigma0=1.0, coulomb=1.0), "level": Gain(gain=0.0)}),
         {"level.gain": 0.0},
         ("level.gain", "friction.sigma0"),
         _presliding_trials,
-        excites="reversals with small motion between them",
+        excites="reversals with a small motion between them",
         confused=("coulomb_friction", "nonlocal_memory", "backlash"),
         separates="tiny amplitudes, below five times the presliding distance",
         sizes=(

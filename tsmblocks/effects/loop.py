@@ -1,4 +1,4 @@
-"""Effects of hysteresis: play and loops that a model lacks, or has in another shape."""
+"""Effects of hysteresis: play and loops that a model lacks, or has with another shape."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ BACKLASH = Effect(
 MEMORY = Effect(
     "nonlocal_memory",
     "loop",
-    "memory of earlier reversals (a loop of another shape)",
+    "memory of earlier reversals (another shape of the loop)",
     "output",
     _PLAYS,
     dict.fromkeys(_WEIGHTS, 0.0),
@@ -118,13 +118,13 @@ ASYMMETRY = Effect(
     within=("speed",),
     sizes=(
         in_proportion("slope difference", "slope_difference", "{u}/{x}"),
-        Size("shift after travel", lambda p, _: p["delta"] / p["theta"]),
+        Size("shift after long travel", lambda p, _: p["delta"] / p["theta"]),
     ),
 )
 POSITION_DEPENDENCE = Effect(
     "position_dependent_friction",
     "loop",
-    "a loop whose width grows with the position",
+    "hysteresis whose width grows with the position",
     "across",
     PositionDependentLoop(),
     {"gain": 0.0},
@@ -136,7 +136,7 @@ POSITION_DEPENDENCE = Effect(
     within=("distance",),
     sizes=(
         in_proportion("loop width per position", "gain", "{u}/{x}", 2.0),
-        in_proportion("travel of a reversal", "distance", "{x}"),
+        in_proportion("travel over which the loop reverses", "distance", "{x}"),
     ),
 )
 EFFECTS = (
@@ -155,7 +155,7 @@ EFFECTS = (
         confused=("backlash", "nonlocal_memory"),
         separates="minor loops of several sizes: a gap has a plateau of one width, hysteresis bends",
         within=("distance",),
-        sizes=(LOOP_WIDTH, in_proportion("travel of a reversal", "distance")),
+        sizes=(LOOP_WIDTH, in_proportion("travel over which the loop reverses", "distance")),
     ),
     Effect(
         "stribeck_friction",

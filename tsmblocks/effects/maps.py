@@ -33,9 +33,9 @@ CURVATURE_SHARE = 0.02
 PULL_SHARE = 0.05
 """Trial force of a stiffness, as a share of the rms drive. Chosen: that of the other forces."""
 REST_REACH = 5.0
-"""Where a spring may rest, from the middle of the motion [half its range]. Chosen: farther off it pulls evenly."""
+"""Rest position of a spring, from the middle of the motion [half its range]. Chosen: farther off it pulls evenly."""
 MIN_PERIODS = 1.15
-"""Periods of a ripple in the range of motion, at least. Chosen: less is a nonlinear characteristic."""
+"""Periods of a ripple in the range of motion, at least. Chosen: fewer are a nonlinear characteristic."""
 MAX_PERIODS = {2: 40.0, 4: 20.0}
 """The same at most, by the number of amplitudes. Chosen: 80 simulations for each of two."""
 ONE_HARMONIC, TWO_HARMONICS = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
@@ -49,7 +49,7 @@ LIMITS = (in_proportion("lower limit", "low"), in_proportion("upper limit", "hig
 
 
 def _polynomial(p: Mapping[str, float], away: float) -> float:
-    """What a bent characteristic adds at a distance from its centre; powers that are left out are zero."""
+    """The deviation of a nonlinear characteristic at a distance from its centre; missing powers are zero."""
     powers = (("quadratic", 2), ("cubic", 3), ("quartic", 4), ("quintic", 5))
     return sum(p.get(name, 0.0) * away**power for name, power in powers)
 
@@ -124,7 +124,7 @@ def _bow_trials(scales: Scales) -> Trials:
 
 def _ripple_trials(reach: float, size: float, names: tuple[str, ...]) -> Trials:
     """Trial values of a ripple with more than one period in the range: less is a nonlinear characteristic."""
-    # A start that is off by a quarter of a period over the whole range leads to the right one.
+    # A start that is off by a quarter of a period over the whole range converges to the right one.
     periods = (1.2, 1.35, 1.5, 1.75, *np.arange(2.0, MAX_PERIODS[len(names)], 0.5).tolist())
     shapes = tuple({"cycles": math.pi * n / reach} for n in periods)
     bounds = {"cycles": (MIN_PERIODS * math.pi / reach, max(MAX_PERIODS.values()) * math.pi / reach)}
@@ -257,7 +257,7 @@ SOFT_DEAD_ZONE = Effect(
 ODD = Effect(
     "odd_nonlinearity",
     "map",
-    "a characteristic that bends opposite ways at the ends",
+    "an odd nonlinear characteristic (the ends bend opposite ways)",
     "output",
     Bend(),
     {"cubic": 0.0, "quintic": 0.0},
@@ -271,7 +271,7 @@ ODD = Effect(
 EVEN = Effect(
     "even_nonlinearity",
     "map",
-    "a characteristic bent the same way at both ends",
+    "an even nonlinear characteristic (both ends bend the same way)",
     "output",
     Bend(),
     {"quadratic": 0.0, "quartic": 0.0},
@@ -335,7 +335,7 @@ EFFECTS = (
     in_front(ODD),
     attrs.evolve(
         ODD,
-        words="a characteristic with another slope in the middle than at the ends",
+        words="a characteristic whose slope differs between the middle and the ends",
         block=Bow(),
         null={"size": 0.0},
         free=("size", "width", "centre"),
@@ -346,12 +346,12 @@ EFFECTS = (
             in_proportion("half width of the middle", "width"),
         ),
     ),
-    _spring("even_nonlinearity", "a spring that differs between the two sides", "force.quadratic", "force.cubic", 2),
+    _spring("even_nonlinearity", "an asymmetric spring (stiffer on one side)", "force.quadratic", "force.cubic", 2),
     _spring("odd_nonlinearity", "a cubic spring", "force.cubic", "force.quadratic", 3),
     Effect(
         "stiffness",
         "load",
-        "a force in proportion to the position (a spring; negative where gravity tips it over)",
+        "a force proportional to the position (a spring; negative for an unstable load)",
         "load",
         _spring_to_rest(),
         {"force.gain": 0.0},
@@ -359,7 +359,7 @@ EFFECTS = (
         _stiffness_trials,
         excites="motion over the whole range, slow and fast",
         confused=("viscous_friction", "load_offset", "drift"),
-        separates="slow motion to both ends: the force stays where the motion stops",
+        separates="slow motion to both ends: the force remains where the motion stops",
         sizes=(
             in_proportion("stiffness", "force.gain", "{u}/{x}"),
             in_proportion("position without force", "away.bias", "{x}", -1.0),
@@ -397,9 +397,9 @@ EFFECTS = (
         {"bias": 0.0},
         ("bias",),
         lambda scales: Trials({"bias": 0.05 * scales.wire.rms}),
-        excites="motion both ways",
+        excites="motion in both directions",
         confused=("asymmetric_friction", "drift"),
-        separates="the mechanism turned over, or unloaded",
+        separates="the mechanism upside down, or unloaded",
         sizes=(in_proportion("offset", "bias"),),
     ),
 )

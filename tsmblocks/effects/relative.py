@@ -1,4 +1,4 @@
-"""Relatives: blocks that may stand in place of a block that a model has, such as Dahl for Coulomb friction."""
+"""Relatives: blocks that may replace a block of a model, such as Dahl for Coulomb friction."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
 REPLACED = "replaced"
-"""The place of an effect that takes the place of a block."""
+"""The place of an effect that replaces a block."""
 
 
 @attrs.frozen(eq=False)
 class Relative:
-    """A block that may take the place of a block of another class: another law for the same part of a machine.
+    """A block that may replace a block of another class: another law for the same part of a machine.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ class Relative:
     ports : mapping of str to str, default {}
         Ports of the old block, and the ports of the new block that take their wires, where names differ.
     instead_of_rate : bool, default False
-        Whether the new block reads a position where the old one read its rate: it takes the place of the ``Derivative``
-        in front as well, and is tried only where there is one that drives nothing else.
+        Whether the new block reads a position where the old one read its rate: it replaces the ``Derivative`` in front
+        as well, and is tried only where there is one that drives nothing else.
     excites, separates, variant : str, default ""
         As for ``Effect``.
     confused, within, contains : tuple of str, default ()
@@ -91,7 +91,7 @@ class Relative:
 
 @attrs.frozen(eq=False)
 class Replacement(Effect):
-    """A relative in place of one block of a diagram, as an effect; made by ``replacement``.
+    """The replacement of one block of a diagram by a relative, as an effect; made by ``replacement``.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class Replacement(Effect):
 
 
 def replacement(relative: Relative, name: str, old: Block, scales: Scales) -> Replacement:
-    """Return a relative in place of block ``old`` of a diagram, called ``name``.
+    """Return the replacement of block ``old`` of a diagram, called ``name``, by a relative.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def replacement(relative: Relative, name: str, old: Block, scales: Scales) -> Re
 
 
 def _faults(relative: Relative) -> Iterator[str]:
-    """What is wrong with a relative, as far as it shows without a block to replace."""
+    """The fault of a relative, as far as it can be checked without a block to replace."""
     if not isinstance(relative.name, str) or not relative.name.isidentifier():
         yield "programs read its name, so it must be letters, digits and underscores, not starting with a digit."
     if not (isinstance(relative.of, type) and issubclass(relative.of, Block)):

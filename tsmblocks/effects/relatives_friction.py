@@ -24,7 +24,7 @@ from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
 RATE_BLOCK = Derivative
-"""The block in front of a friction of which a relative that reads the position takes the place as well."""
+"""The block in front of a friction that a relative which reads the position replaces as well."""
 PRESLIDING_SHARES = (0.005, 0.02, 0.08, 0.3)
 """Trial presliding distances [half the travel]. Chosen: a factor of four apart, up to a loop."""
 PLAY_SHARES = (0.02, 0.045, 0.1, 0.22, 0.45, 0.9)
@@ -141,7 +141,7 @@ def _presliding(of: type[Block], **more: Any) -> Relative:
         of=of,
         name="presliding_friction",
         family="friction",
-        excites="reversals with small motion between them",
+        excites="reversals with a small motion between them",
         confused=("coulomb_friction", "nonlocal_memory", "backlash", "dead_time"),
         separates="the same motion at a second frequency, and tiny amplitudes",
         **more,

@@ -1,4 +1,4 @@
-"""Relatives of transmissions with hysteresis: plays, Dahl and Bouc-Wen loops stand in for one another."""
+"""Relatives of transmissions with hysteresis: plays, Dahl and Bouc-Wen loops may replace one another."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LOOP_SHARES = (0.25, 0.5, 0.75, 1.25, 2.0)
 
 @attrs.frozen
 class Loop:
-    """What transmissions with hysteresis have in common.
+    """The common parameters of transmissions with hysteresis.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ LAWS: dict[type[Block], _Law] = {
         port="u",
     ),
 }
-"""Laws of hysteresis that stand in for one another."""
+"""Laws of hysteresis that may replace one another."""
 LOOPS: dict[type[Block], tuple[str, tuple[type[Block], ...]]] = {
     Play: ("play", tuple(LAWS)),
     DahlHysteresis: ("Dahl hysteresis", tuple(LAWS)),

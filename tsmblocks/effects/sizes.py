@@ -1,4 +1,4 @@
-"""Sizes of effects as a person would measure them: an amplitude, a gap, a frequency in Hz, a delay in ms."""
+"""Measurable sizes of effects: an amplitude, a gap, a frequency in Hz, a delay in ms."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Size:
             raise ParameterError(f"size '{self.name}': value must be a function, got {in_words(self.value)}.")
 
     def unit_for(self, wire: str, other: str) -> str:
-        """Return the unit of the size, with the units of the signals in their place.
+        """Return the unit of the size, with the units of the signals filled in.
 
         Parameters
         ----------

@@ -15,11 +15,11 @@ from tsmblocks.effects.trials import Scales, Trials
 NO_LIMIT = 1e12
 """A rate that no signal reaches. Chosen: finite, since an infinite rate times a step of zero is NaN."""
 INSTANT_COUNT = 48
-"""Instants of the first grid of a sudden change. Chosen: for the run time; the grid is refined."""
+"""Instants in the first grid of a sudden change. Chosen: for the run time; the grid is refined."""
 
 LEAST_PERIODS = 2
-"""Periods of a disturbance that a session holds, at least. Derived: what has not come back yet and
-a drift are indistinguishable."""
+"""Periods of a disturbance that a session holds, at least. Derived: a longer period and a drift are
+indistinguishable."""
 
 
 def _time_origin(scales: Scales) -> dict[str, float]:
@@ -51,7 +51,7 @@ def _loop_change_trials(scales: Scales) -> Trials:
 
 
 def _creep_trials(scales: Scales) -> Trials | None:
-    longest, least = scales.shortest, max(1.0, 40 * scales.step)  # slower creep is an offset of each experiment
+    longest, least = scales.shortest, max(1.0, 40 * scales.step)  # slower creep acts as an offset of each experiment
     times = [least * times for times in (1.0, 3.0, 10.0, 30.0) if least * times < longest]
     bounds = {"time_constant": (20 * scales.step, longest), "share": (-0.9, 0.9)}
     return Trials({"share": 0.05}, tuple({"time_constant": time} for time in times), bounds=bounds) if times else None
@@ -62,7 +62,7 @@ def _broad_creep_trials(scales: Scales) -> Trials | None:
     if least >= most:
         return None
     bounds = {"fastest": (least, most), "share": (-0.9, 0.9)}
-    slowest = {"slowest": 2 * scales.shortest}  # what is slower shows as little as an offset
+    slowest = {"slowest": 2 * scales.shortest}  # slower creep is indistinguishable from an offset
     return Trials({"share": 0.05}, ({"fastest": math.sqrt(least * most)},), slowest, bounds)
 
 
@@ -91,13 +91,13 @@ def _soft_rate_limit_trials(scales: Scales) -> Trials:
 
 
 def _whole_drift(p: Mapping[str, float], scales: Scales) -> float:
-    """What a drift comes to from the first sample to the last."""
+    """The drift from the first sample to the last."""
     length = _duration(scales)
     return p["rate"] * length + p["curve"] * length**2
 
 
 AT = in_proportion("time", "time", "s")
-CREPT = in_proportion("share that creeps", "share", "%", PERCENT)
+CREPT = in_proportion("share of creep", "share", "%", PERCENT)
 CHANGE_OF_GAIN = in_proportion("change of the gain", "change", "%", PERCENT)
 
 
@@ -105,7 +105,7 @@ _CHANGE_OF_GAIN_TOO = in_proportion("change of the gain", "gain", "%", PERCENT)
 
 
 def _own(effect: Effect, instant: str = "") -> Effect:
-    """The variant of an effect with a size and an instant of its own in each recording, where these share no clock."""
+    """The variant of an effect with a separate size and instant in each recording, where these share no clock."""
     return attrs.evolve(
         effect,
         trials=lambda scales: None if scales.one_clock else effect.trials(scales),
@@ -127,7 +127,7 @@ DRIFT = Effect(
     excites="a long session on one clock",
     confused=("jump", "creep", "parameter_change"),
     separates="the first experiment repeated at the end",
-    sizes=(Size("drift in all", _whole_drift), in_proportion("drift at first", "rate", "{u}/min", MINUTE)),
+    sizes=(Size("total drift", _whole_drift), in_proportion("initial drift", "rate", "{u}/min", MINUTE)),
 )
 JUMP = Effect(
     "jump",
@@ -154,7 +154,7 @@ LOAD_STEP = attrs.evolve(
 GAIN_CHANGE = Effect(
     "parameter_change",
     "time",
-    "a gain that changes at one time",
+    "a sudden change of the gain",
     "output",
     blocks.GainChange(),
     {"change": 0.0},
@@ -178,7 +178,7 @@ GAIN_DRIFT = attrs.evolve(
 )
 LOOP_CHANGE = attrs.evolve(
     GAIN_CHANGE,
-    words="a loop that changes at one time",
+    words="a sudden change of the hysteresis loop",
     block=blocks.LoopChange(),
     null={"change": 0.0, "gain": 0.0},
     free=("change", "gain", "distance", "time"),
@@ -196,9 +196,9 @@ CREEP = Effect(
     {"share": 0.0},
     ("share", "time_constant"),
     _creep_trials,
-    excites="rests after motion, or an offset",
+    excites="pauses after motion, or an offset",
     confused=("rate_dependence", "drift", "nonlocal_memory"),
-    separates="a staircase with rests of 30 s",
+    separates="a staircase with pauses of 30 s",
     settled=("late",),
     within=("time_constant",),
     sizes=(CREPT, in_proportion("time constant", "time_constant", "s")),
@@ -214,7 +214,7 @@ DISTURBANCE = Effect(
     _periodic_trials,
     excites="a long record",
     confused=("position_ripple",),
-    separates="other input frequencies: a disturbance keeps its own",
+    separates="other input frequencies: the frequency of a disturbance stays the same",
     variant="output",
     within=("frequency",),
     sizes=(wave(), in_proportion("frequency", "frequency", "Hz")),

@@ -73,7 +73,7 @@ class Scales:
 
     @property
     def of_other(self) -> Scales:
-        """The same scales with the second signal in the place of the wire."""
+        """The same scales with the second signal as the wire."""
         return attrs.evolve(self, wire=self.other)
 
 

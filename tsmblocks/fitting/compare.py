@@ -262,7 +262,7 @@ def compare(
     DataError
         For recordings or parts of them that cannot be used.
     RunError
-        For models that are none, and if no model can be fitted.
+        For arguments that are not models, and if no model can be fitted.
 
     Examples
     --------
@@ -317,7 +317,7 @@ def _validated(name: str, found: Fit, records: Mapping[str, Record], parts: Mapp
             diagram = found.diagrams.get(experiment, found.diagram)
             made += score(diagram, {experiment: records[experiment]}, window=window, **common)
     except NotFinite as error:
-        return Row(name, found, found.differences, None, f"with the numbers that were fitted, {error}")
+        return Row(name, found, found.differences, None, f"with the fitted parameters, {error}")
     held_out = Differences(found.diagram.title, tuple(made)) if parts else None
     return Row(name, found, found.differences, held_out)
 
@@ -378,7 +378,7 @@ def in_full(name: str) -> str:
 
 
 def _models(given: Models) -> dict[str, Diagram]:
-    """Models by name. Raises RunError for what is no diagram, or when there is none."""
+    """Models by name. Raises RunError for anything that is not a diagram, or when there is none."""
     from tsmblocks.files import load
 
     if given is None:
@@ -396,7 +396,7 @@ def _models(given: Models) -> dict[str, Diagram]:
         diagram = one if isinstance(one, Diagram) else load(file)
         label = str(name or Path(file).stem or diagram.title).removeprefix(SHIPPED)
         if label in made:
-            raise RunError(f"two models are named '{label}'; give a mapping with names of their own.")
+            raise RunError(f"two models are named '{label}'; give a mapping with different names.")
         made[label] = diagram
     if not made:
         raise RunError("there are no models to compare.")

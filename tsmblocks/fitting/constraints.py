@@ -1,4 +1,4 @@
-"""Constraints and ties of a fit, as people write them."""
+"""Constraints and ties of a fit, written as text."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ def constraint(
     read = reader(f"{what} '{clip(name, 40)}'" if name else what, text, known, kind)
     tree = read.tree
     if isinstance(tree, ast.BoolOp):
-        read.refuse("one comparison is wanted. Write several as a list.")
+        read.refuse("one comparison is expected. Write several as a list.")
     if not isinstance(tree, ast.Compare):
-        read.refuse("this compares nothing. Write for example 'theta > 0'.")
+        read.refuse("this is not a comparison. Write for example 'theta > 0'.")
     made, sides = list[Constraint](), [tree.left, *tree.comparators]
     for left, sign, right in zip(sides, tree.ops, sides[1:], strict=False):
         if type(sign) not in _COMPARISONS:
@@ -78,7 +78,7 @@ def constraint(
         holds = _decided(one)
         if holds is not None:
             always = "true" if holds else "false"
-            read.refuse(f"this is always {always}, whatever the {kind}s are.", left, right)
+            read.refuse(f"this is always {always}, for any values of the {kind}s.", left, right)
         made.append(one)
     return tuple(made)
 
@@ -96,7 +96,7 @@ def ties(given: Mapping[str, Any], known: Sequence[str], free: Sequence[str]) ->
     """Read ties: parameter -> expression of others, or a number.
 
     ``free`` are parameters that the fit may change, which cannot follow anything as well. Raises ParameterError
-    for that, as ``expression`` does, for one tied twice, and for parameters that follow each other in a circle.
+    for that, as ``expression`` does, for one tied twice, and for parameters that depend on each other in a cycle.
     """
     if not isinstance(given, Mapping):
         raise ParameterError(
@@ -111,7 +111,7 @@ def ties(given: Mapping[str, Any], known: Sequence[str], free: Sequence[str]) ->
         if full in read:
             raise ParameterError(f"ties: '{full}' is tied twice.")
         if full in free:
-            raise ParameterError(f"ties: '{full}' is free in this fit, so it cannot follow {in_words(text)} as well.")
+            raise ParameterError(f"ties: '{full}' is free in this fit, so it cannot be tied to {in_words(text)}.")
         value = finite_or_none(text)
         read[full] = expression(text if value is None else repr(value), known, what=f"tie of '{full}'")
     follows = {name: [k for k in tie.names if k in read] for name, tie in read.items()}
@@ -120,6 +120,6 @@ def ties(given: Mapping[str, Any], known: Sequence[str], free: Sequence[str]) ->
     except CycleError as error:
         circle = error.args[1][::-1]
         if len(circle) == 2:
-            raise ParameterError(f"ties: '{circle[0]}' follows itself.") from None
+            raise ParameterError(f"ties: '{circle[0]}' depends on itself.") from None
         way = clip(" -> ".join(circle), 300)
-        raise ParameterError(f"ties: parameters follow each other in a circle, {way}.") from None
+        raise ParameterError(f"ties: parameters depend on each other in a cycle, {way}.") from None

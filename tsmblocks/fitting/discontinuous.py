@@ -1,7 +1,7 @@
 """Parameters in which the outputs are discontinuous, such as the instant of a step or the interval of a quantiser.
 
-Derivatives say nothing of them, so many values of each are simulated side by side, in turn with a search in all
-other parameters; their uncertainty is how far each can go before the residuals grow.
+Derivatives carry no information on them, so many values of each are simulated side by side, alternating with a search
+in all other parameters; their uncertainty is how far each can be moved before the residuals grow.
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ def search_discontinuous(
 ) -> list[OptimizerResult]:
     """Continue from the best of the ends of searches where the outputs are discontinuous in an unknown.
 
-    The ends are given best first. A search downhill leaves such an unknown where it began, or ends at a jump: it would
-    be taken for one without influence, or for one that is known all too well. What has no influence is put back to
-    where it began.
+    The ends are given best first. A descent leaves such an unknown at its initial value, or ends at a jump: it would
+    seem to have no influence, or a far too small uncertainty. An unknown without influence is set back to its initial
+    value.
     """
     best, others = ends[0], list(ends[1:])
     which = _discontinuous(problem, best)

@@ -128,8 +128,8 @@ class Experiment:
         return total
 
     def _pieces(self, kernel: Kernel, memory: Memory) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray | None]]:
-        """Rows at the instants of measurement, what was measured and what counts, a few at a time: many lanes fill the
-        caches.
+        """Rows at the instants of measurement, what was measured and what counts, a few at a time, since many lanes
+        fill the caches.
         """
         if self.share is not None:
             yield self.run(kernel, memory), self.measured, self.counted

@@ -210,7 +210,7 @@ def _check_method(method: str, segments: int) -> None:
     if not isinstance(method, str) or method not in METHODS:
         raise RunError(f"there is no method {in_words(method)} of fitting.{near(method, METHODS)}")
     if as_integer("segments", segments, 1) > 1 and method != "ipopt":
-        raise RunError(f"segments={segments} (multiple shooting) goes with method='ipopt', not with '{method}'.")
+        raise RunError(f"segments={segments} (multiple shooting) needs method='ipopt', got '{method}'.")
 
 
 def _limit(iterations: int | None) -> dict[str, Any]:
@@ -299,8 +299,8 @@ def starting_points(problem: Problem, setup: Setup, begin: np.ndarray, starts: i
             if not np.isfinite(experiment.outputs(p)).all():
                 raise_cause(setup.diagram, experiment, p)
         raise RunError(
-            "the search cannot begin: there the simulation is so far from what was measured that the square "
-            "of the difference is no number. Is an initial state or a unit wrong?"
+            "the search cannot begin: at its start the simulation is so far from the measurement that the squared "
+            "residual overflows. Is an initial state or a unit wrong?"
         )
     return begins
 

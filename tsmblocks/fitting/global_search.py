@@ -342,8 +342,8 @@ def genetic_route(
     if problem.constraints.equal.any():
         name = np.array(problem.constraints.names)[problem.constraints.equal][0]
         raise RunError(
-            f"method='ga' looks at random places, of which none meets the equality {name}. Write it as a "
-            "tie, or take another method."
+            f"method='ga' samples random parameter sets, none of which meets the equality {name}. Write it as a tie, "
+            "or use another method."
         )
     constraints = _violations(problem) if problem.constraints.names else None
     evolved = evolve(

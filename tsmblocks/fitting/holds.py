@@ -35,7 +35,7 @@ def in_one_word(holds: Mapping[str, str]) -> Hold:
 
 
 def hold_notes(record: Record, holds: Mapping[str, str], given: Hold) -> Iterator[str]:
-    """What to know of inputs that stand still and jump: that they are held, or what it means that they are not."""
+    """A note on inputs that are piecewise constant: that they are held, or the consequence of another interpolation."""
     asked = hold_of_each(given, list(holds))
     for name, hold in holds.items():
         if name not in record or not is_held(record[name]):
@@ -43,14 +43,14 @@ def hold_notes(record: Record, holds: Mapping[str, str], given: Hold) -> Iterato
         if asked[name] != AUTO:
             if hold != "zero":
                 yield (
-                    f"the input {name} is piecewise constant, and hold='{hold}' draws each of its steps out over a "
-                    "sample interval. If it was a zero-order hold, as a controller applies its command, give "
+                    f"the input {name} is piecewise constant, and hold='{hold}' spreads each of its steps over a "
+                    "sample interval. If it was a zero-order hold, as at the output of a sampled controller, give "
                     "hold='zero', or --hold zero."
                 )
         elif hold == "zero":
-            yield f"{name} stands and jumps: held between samples (hold='zero')."
+            yield f"{name} is piecewise constant: held between samples (hold='zero')."
         else:
             yield (
-                f"{name} stands and jumps, but its rate drives the diagram: taken as {hold} between samples, which "
-                "draws each jump out over a sample interval."
+                f"{name} is piecewise constant, but its rate drives the diagram: taken as {hold} between samples, "
+                "which spreads each jump over a sample interval."
             )

@@ -1,4 +1,4 @@
-"""What is not identifiable from the data: parameters and combinations without effect, and estimates too uncertain."""
+"""Identifiability: parameters and combinations without effect on the data, and estimates that are too uncertain."""
 
 from __future__ import annotations
 
@@ -223,7 +223,7 @@ class _Wording:
         subject = listed([self.names[i] for i in main], MOST_NAMED) + (
             f" {what}" if len(main) > 1 else " hardly matters"
         )
-        choice = " Of the values that fit alike, those nearest to the diagram's own are taken." if nearest else ""
+        choice = " Of the values that fit equally well, those nearest to the diagram's own are used." if nearest else ""
         words = f"{subject}: {chain}{also} changes the outputs by {amount}.{choice}"
         named = [*main, *(passing if small == SMALL else [])]
         return Undetermined(

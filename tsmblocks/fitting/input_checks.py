@@ -1,4 +1,4 @@
-"""Outputs that run ahead of the input: where no model does so, columns were exchanged, or one was recorded late."""
+"""Outputs that lead the input: where no model does so, columns were exchanged, or one was recorded late."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SAME = 2.0
 
 
 def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarray, simulated: np.ndarray) -> str:
-    """Say that a measured output ``y`` runs ahead of the input ``x``, and ``simulated`` does not; ``""`` where not so.
+    """A warning if a measured output ``y`` leads the input ``x`` and ``simulated`` does not; ``""`` otherwise.
 
     ``names`` are those of input and output; all arrays have one value for each of the times ``t`` [s].
     """
@@ -25,8 +25,8 @@ def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarr
     if lead <= 0 or _lead(t, x, simulated) > MOSTLY * lead or not _throughout(lead, t, x, y):
         return ""
     return (
-        f"{names[1]} runs {lead:.2g} s ahead of {names[0]}, which the model does not: were the two exchanged, or "
-        "was one recorded late?"
+        f"{names[1]} leads {names[0]} by {lead:.2g} s, and the model has no such lead: were the two exchanged, or was "
+        "one recorded late?"
     )
 
 
@@ -38,7 +38,7 @@ def _throughout(lead: float, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> boo
 
 
 def _lead(t: np.ndarray, x: np.ndarray, y: np.ndarray) -> float:
-    """Time [s] by which ``y`` runs ahead of ``x``, as its rate and its value explain ``y``; 0.0 where unclear."""
+    """Time [s] by which ``y`` leads ``x``, as its rate and its value explain ``y``; 0.0 where unclear."""
     x, y = x - x.mean(), y - y.mean()
     rate = np.gradient(x, t)
     rate = rate - rate.mean()

@@ -1,6 +1,6 @@
-"""Memories that begin where a recording begins: a play started outside its slack has no derivative to lead it back.
+"""Initial values of memories: for a play started outside its slack the derivatives are zero.
 
-A memory such as that of a play forgets within one step how far outside its slack it began. So one step from far below
+After one step the memory of a play does not depend on how far outside its slack it began. So one step from far below
 and from far above gives the edges between which its initial value matters.
 """
 

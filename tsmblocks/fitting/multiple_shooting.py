@@ -83,11 +83,11 @@ def multiple_shooting(
     if ended.status in ("interrupted", "limit"):  # the pieces may not join yet; what counts is the whole
         theta = min((ended.last[:n], theta, start), key=problem.cost)
     elif gap > JOINED:
-        why = f"a state still jumps by {gap:.2g} of its size" if gap < 1e3 else "the states ran away"
+        why = f"a state still jumps by {gap:.2g} of its size" if gap < 1e3 else "the states diverged"
         raise RunError(
             f"multiple shooting could not join its {segments} pieces ({ended.word}): {why}. Try more "
-            "segments, another start, tighter bounds, or fewer free parameters: of two that do the same, "
-            "one must be held."
+            "segments, another start, tighter bounds, or fewer free parameters: of two with the same effect, one must "
+            "be fixed."
         )
     return OptimizerResult(theta, problem.cost(theta), ended.status, ended.iterations, ended.evaluations, ended.history)
 
@@ -99,8 +99,8 @@ def cut(problem: Problem, segments: int) -> list[Segment]:
         eq, times = experiment.eq, experiment.times
         if eq.q:
             raise RunError(
-                f"multiple shooting does not go with transport delays ({eq.q[0]}): what lies in a "
-                "delay cannot be a start state. Use one segment."
+                f"multiple shooting does not support transport delays ({eq.q[0]}): the content of a delay cannot be an "
+                "initial state. Use one segment."
             )
         samples = times.steps // times.every
         most = max(1, min(segments, samples))

@@ -1,4 +1,5 @@
-"""Of all values that fit alike, those nearest to the diagram's own: a search may end anywhere along a null direction.
+"""Of all values that fit equally well, those nearest to the diagram's own: a search may end anywhere along a null
+direction.
 
 Some models have such directions by their structure (an offset behind a plant with an offset of its own), others with
 what was recorded. The step along them is the shortest in parameters divided by their sizes; initial states do not count

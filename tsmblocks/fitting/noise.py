@@ -1,4 +1,4 @@
-"""Noise of outputs as people give it: a number, a number with its unit, for every output or by name."""
+"""Noise of outputs as it is given: a number, a number with its unit, for every output or by name."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def parsed(text: str, what: str = "noise_floor") -> Floor:
         )
     one = Floor(found["name"] or "", float(found["value"]), found["unit"].strip())
     if not 0 < one.value < np.inf:
-        raise ParameterError(f"{what}: {in_words(text)} is not more than 0, and finite.")
+        raise ParameterError(f"{what}: {in_words(text)} is not finite and above 0.")
     try:
         units.parse(one.unit)
     except units.UnitError as error:

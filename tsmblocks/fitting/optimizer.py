@@ -75,8 +75,8 @@ def feasible_start(problem: Problem, theta: np.ndarray) -> np.ndarray:
             if not v <= CONSTRAINT_TOLERANCE
         )
         raise ParameterError(
-            "no values of the free parameters within their bounds meet all constraints. Where the "
-            f"search came from, {said}. Relax a constraint or a bound, or free more "
+            "no values of the free parameters within their bounds meet all constraints. At the starting point, "
+            f"{said}. Relax a constraint or a bound, or free more "
             "parameters."
         )
     return made

@@ -190,7 +190,7 @@ class Unknowns:
 
 
 def _constant(values: Iterable[Any], dtype: type = float) -> np.ndarray:
-    """An array that nobody changes by mistake."""
+    """A read-only copy of an array."""
     made: np.ndarray = np.array(list(values), dtype=dtype)
     made.setflags(write=False)
     return made
@@ -316,7 +316,9 @@ def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free")
     for pattern in arguments.as_names(what, patterns, "tsm.*"):
         hits = [k for k in known if k == pattern]
         if hits and pattern in endless:
-            raise ParameterError(f"{what} '{pattern}': it is infinite, so there is no number to find; set it first.")
+            raise ParameterError(
+                f"{what} '{pattern}': it is infinite, so it cannot be estimated; set a finite value first."
+            )
         hits = hits or [k for k in known if fnmatchcase(k, pattern) and not _is_set(known[k]) and k not in endless]
         if not hits:
             hint = near_path(pattern, known)
@@ -393,8 +395,8 @@ def unknown(name: str, diagram: Diagram, fields: list[Field], own: tuple[float, 
         low, high = max(low, own[0]), min(high, own[1])
         if not low < high:
             raise ParameterError(
-                f"bounds of '{name}': ({own[0]:g}, {own[1]:g}) leave nothing of what its block "
-                f"allows, {fields[0].bounds() if fields else 'any number'}."
+                f"bounds of '{name}': ({own[0]:g}, {own[1]:g}) do not overlap the bounds of its block, "
+                f"{fields[0].bounds() if fields else 'any number'}."
             )
     if not low <= value <= high:
         raise ParameterError(

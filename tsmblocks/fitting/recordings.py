@@ -34,7 +34,7 @@ def recordings(data: Data) -> dict[str, Record]:
         given = dict(zip(names, records, strict=True))
         if len(given) < len(names):
             same = Counter(names).most_common(1)[0][0]
-            raise DataError(f"two experiments are named '{same}'; give a mapping with names of their own.")
+            raise DataError(f"two experiments are named '{same}'; give a mapping with different names.")
     if not given:
         raise DataError("there are no recordings to compare with: give a Record (tsm.read), a list, or a mapping.")
     return given
@@ -51,7 +51,7 @@ def _record(one: Any, name: str) -> Record:
     if not isinstance(one, Record):
         raise DataError(
             f"'{name}' must be a recording (tsm.read), a file or a pandas frame, got {in_words(one)}. "
-            "Of arrays tsm.Record(name, t, signals, units) makes one."
+            "tsm.Record(name, t, signals, units) makes one from arrays."
         )
     title = f"experiment '{one.name}'"
     if len(one) < MIN_RECORD_SAMPLES:
@@ -147,7 +147,7 @@ def training_windows(
             if rest is not None:
                 tested[name] = rest
     if not fitted:
-        raise DataError("every experiment is held out, so there is nothing to fit.")
+        raise DataError("every experiment is held out, so no data remain to fit.")
     return fitted, tested
 
 

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 STATUS = {
     "converged": "converged",
-    "limit": "stopped at the limit of iterations; it may not have arrived",
-    "stalled": "ended where no step led down any more (a kink, or rounding)",
-    "interrupted": "interrupted; these are the best numbers so far",
+    "limit": "stopped at the limit of iterations; it may not have converged",
+    "stalled": "ended where no step reduced the cost any more (a kink, or rounding)",
+    "interrupted": "interrupted; these are the best parameters so far",
 }
 
 
@@ -160,7 +160,9 @@ class Fit:
         hits = hits or [e for e in self.estimates if e.name.rpartition(".")[2] == name]
         if len(hits) != 1:
             if hits:
-                raise ParameterError(f"'{name}' may be {' or '.join(e.name for e in hits)} in this fit. Say which.")
+                raise ParameterError(
+                    f"'{name}' may be {' or '.join(e.name for e in hits)} in this fit. Give the full name."
+                )
             raise ParameterError(f"the fit has no estimate '{name}'.{near(name, self.names)}")
         return hits[0]
 
@@ -189,8 +191,8 @@ class Fit:
 
         if (ending := Path(path).suffix).lower() != ".toml":
             raise DataError(
-                f"'{path}' ends in '{ending}'; a fitted diagram is written to .toml. Its numbers with "
-                "their intervals are to_dict() and to_pandas()."
+                f"'{path}' ends in '{ending}'; a fitted diagram is written to .toml. Estimates and intervals are in "
+                "to_dict() and to_pandas()."
             )
         save(self.diagram, path)
         return Path(path)

@@ -1,4 +1,4 @@
-"""How far simulations stay from recordings: one row of figures per experiment and output."""
+"""Residuals of simulations against recordings: one row of figures per experiment and output."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ class Differences:
         if len(hits) != 1:
             if hits:
                 names = " or ".join(f"{d.experiment}.{d.output}" for d in hits)
-                raise DataError(f"'{name}' may be the difference {names}. Say which.")
+                raise DataError(f"'{name}' may be the difference {names}. Give the full name.")
             known = {k for d in self.items for k in (d.experiment, f"{d.experiment}.{d.output}")}
             raise DataError(f"there is no difference '{name}'.{near(name, known)}")
         return hits[0]
@@ -326,7 +326,7 @@ def simulated_differences(setup: Setup, parameters: Sequence[np.ndarray]) -> Dif
 def of_run(diagram: Diagram, run: Run, record: Record, outputs: Iterable[str]) -> Differences:
     """Differences between a run of a diagram and a recording of its outputs, at the instants that both have.
 
-    The run is read off between its steps. Raises DataError for measured samples that cannot be used, and for a
+    The run is interpolated between its steps. Raises DataError for measured samples that cannot be used, and for a
     recording that has next to none within the run.
     """
     cut = span(record.name, record, (float(run.t[0]), float(run.t[-1])))

@@ -125,7 +125,7 @@ def set_up(
                 if lies_on_grid(record.t, own)
                 else "the samples are unevenly spaced"
             )
-            notes.append(f"{name}: {why}, so the simulation is read off between its steps.")
+            notes.append(f"{name}: {why}, so the simulation is interpolated between its steps.")
     return Setup(diagram, eq, tuple(made), names, tuple(notes), tuple(finer))
 
 
@@ -160,7 +160,8 @@ def _resolved(
         best, divide = experiment, 2 * divide
     if best is None:
         raise RunError(
-            f"experiment '{record.name}': no step that divides the {own:g} s between samples suits the diagram: {fault}"
+            f"experiment '{record.name}': no step that divides the {own:g} s between samples is valid for the diagram: "
+            f"{fault}"
         ) from None
     if np.isfinite(best.outputs(p)).all():
         notes.append(
@@ -320,13 +321,13 @@ def _weights(setup: Setup, sigma: Any) -> np.ndarray:
 
 
 def _in_range(setup: Setup, weights: np.ndarray) -> None:
-    """Refuse measurements whose weighted squares leave the range of numbers."""
+    """Refuse measurements whose weighted squares overflow or underflow."""
     for experiment in setup.experiments:
         for name, size, weight in zip(setup.outputs, np.abs(experiment.measured).max(axis=0), weights, strict=True):
             if size > 0 and not 1e-140 < float(size) * float(weight) < 1e140:
                 raise DataError(
-                    f"experiment '{experiment.name}': {name} reaches {size:.3g}, {size * weight:.3g} after "
-                    "weighing, and the square of that is no number to work with. Choose another unit"
+                    f"experiment '{experiment.name}': {name} reaches {size:.3g}, {size * weight:.3g} after weighting, "
+                    "and its square is out of range. Choose another unit"
                     f"{' or sigma' if weight != 1 else ''}."
                 )
 
@@ -351,8 +352,8 @@ def _priors(given: Mapping[str, tuple[float, float]] | None, unknowns: Unknowns)
             )
         if width < 1e-12 * max(abs(middle), 1e-100):
             raise ParameterError(
-                f"the prior of '{name}' is so narrow ({width:g}) that nothing is left to find. "
-                "Set the number, and do not free it."
+                f"the prior of '{name}' is so narrow ({width:g}) that it fixes the parameter. Set its value instead of "
+                "freeing it."
             )
         priors += [(k, middle, width) for k in hits]
     which, mean, deviation = np.array(priors).reshape(-1, 3).T

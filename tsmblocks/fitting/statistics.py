@@ -116,10 +116,11 @@ def _check(J: Jacobian, r: np.ndarray, segments: Sequence[slice]) -> None:
         raise DataError(f"a Jacobian of shape (N, p) and N residuals are needed, got shapes {J.shape} and {r.shape}.")
     if len(r) <= J.shape[1]:
         raise DataError(
-            f"{len(r)} samples cannot tell how sure {J.shape[1]} parameters are: it takes more samples than parameters."
+            f"{len(r)} samples do not determine the uncertainty of {J.shape[1]} parameters: more samples than "
+            "parameters are needed."
         )
     if not (np.isfinite(r).all() and J.is_finite.all()):
-        raise DataError("residuals and their Jacobian must be finite to tell how sure a fit is.")
+        raise DataError("residuals and their Jacobian must be finite to determine the uncertainty of a fit.")
     if sum(s.stop - s.start for s in segments) != len(r):
         raise DataError(f"the segments must cover each of the {len(r)} residuals once.")
 

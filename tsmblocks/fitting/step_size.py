@@ -42,8 +42,8 @@ def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
 def state_at_limit(problem: Problem, theta: np.ndarray) -> str:
     """The state whose pole is as fast as the step allows, ``""`` where there is none.
 
-    A search cannot go further there: at a faster pole the simulation is unstable. What stands there follows from the
-    step and not from the data.
+    A search cannot go further there: at a faster pole the simulation is unstable. The value found follows from the step
+    and not from the data.
     """
     for e, experiment in enumerate(problem.experiments):
         run = RunStart(experiment.eq, problem.unknowns.parameters(theta, e), experiment.times.start)
@@ -56,7 +56,8 @@ def state_at_limit(problem: Problem, theta: np.ndarray) -> str:
 def following(
     problem: Problem, setup: Setup, end: OptimizerResult, search: Callable[[Problem, np.ndarray], OptimizerResult]
 ) -> tuple[Problem, Setup, OptimizerResult]:
-    """The end of a search whose step follows the parameters: halved, and searched on, while the step limits them.
+    """The end of a search whose step follows the parameters: halved, and the search continued, while the step limits
+    them.
 
     Where they follow every step to its limit, no step is fine enough, and the first one stays.
     """

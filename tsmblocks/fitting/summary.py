@@ -106,8 +106,8 @@ def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
     if steep.any():
         name = np.array(unknowns.names)[steep][0]
         raise RunError(
-            f"the search ended where the slope of the outputs along {name} is no number, as that of a "
-            "square root at zero. Start elsewhere, or bound it away."
+            f"the search ended where the derivative of the outputs with respect to {name} is not finite, as for a "
+            "square root at zero. Start elsewhere, or exclude this value by a bound."
         )
     active, gradients = active_constraints(problem, theta)
     rows = gradients if len(gradients) else None
@@ -155,13 +155,13 @@ def unknown_sizes(problem: Problem, theta: np.ndarray, jacobian: Jacobian) -> np
 
 
 def _fitted(diagram: Diagram, problem: Problem, theta: np.ndarray, e: int) -> Diagram:
-    """The diagram of an experiment. A block that refuses the numbers together says so."""
+    """The diagram of an experiment. Raises the message of a block that refuses its parameters."""
     settings = problem.unknowns.settings(theta, e)
     try:
         return diagram.with_parameters(settings)
     except ParameterError as error:
         raise ParameterError(
-            f"the fit ended where a block refuses its numbers: {error} A constraint would keep it away from there."
+            f"the fit ended where a block refuses its parameters: {error} Exclude them by a constraint."
         ) from None
 
 
@@ -209,28 +209,28 @@ def _estimates(problem: Problem, setup: Setup, at: _Optimum) -> tuple[Estimate, 
 
 
 def rough_inputs(record: Record, eq: Equations) -> tuple[str, ...]:
-    """What to mind of the inputs whose rate drives a model, a sentence for each that is noisy or quantised."""
+    """Cautions on inputs whose rate drives a model, a sentence for each that is noisy or quantised."""
     rates = (f.name.removeprefix("d/dt " * f.order) for f in eq.u if f.order and not f.block)
     return _cautions(record, tuple(dict.fromkeys(rates)))
 
 
 _cautions = functools.lru_cache(maxsize=32)(cautions)
-"""What to mind of inputs (kept, since one recording is fitted many times)."""
+"""Cautions on inputs (kept, since one recording is fitted many times)."""
 
 
 def _known_parameter_notes(setup: Setup, free: list[str]) -> list[str]:
     """Free parameters that data sheets give: the counts of an encoder have a minimum for each of them."""
     fields = numbers(setup.diagram)
     return [
-        f"{name} is as a rule known. A search finds such a number only from close by, and its interval is that of "
-        "where this one ended: compare the residual with that of the number on the data sheet."
+        f"{name} is usually known. A search finds such a parameter only from a start nearby, and its interval holds "
+        "only around the value found: compare the residual with that for the value on the data sheet."
         for name in dict.fromkeys(free)
         if any(f.known for f in fields[name])
     ]
 
 
 def _data_notes(setup: Setup, differences: Differences) -> list[str]:
-    """Inputs that never move or are mostly noise, clocks that may differ, models that say less than a constant."""
+    """Inputs that never move or are mostly noise, clocks that may differ, models that explain less than a constant."""
     said = []
     for experiment in setup.experiments:
         name, record = experiment.name, experiment.record
@@ -239,8 +239,8 @@ def _data_notes(setup: Setup, differences: Differences) -> list[str]:
         said += [f"{name}: {text}" for text in rough_inputs(record, experiment.eq)]
         if not setup.diagram.inports and record.t[0] != 0:
             said.append(
-                f"{name}: nothing that was measured drives the diagram. Its sources run by the clock "
-                f"of the recording, and it is at rest until that begins, at {record.t[0]:g} s."
+                f"{name}: no measured signal drives the diagram. Its sources use the time of the recording, and it is "
+                f"at rest until the recording begins, at {record.t[0]:g} s."
             )
     said += [
         f"{d.experiment}: the diagram explains {d.output} {'no' if d.fit_percent <= 0 else 'hardly'} better than "

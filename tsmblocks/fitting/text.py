@@ -81,7 +81,7 @@ def residual_rows(differences: Differences) -> list[tuple[str, ...]]:
 
 
 def cautions(fit: Fit) -> list[str]:
-    """What to know before the numbers are believed, a sentence each."""
+    """Cautions on the estimates, a sentence each."""
     said = []
     if fit.agreeing == 1 and len(fit.searches) > 1:
         said.append(f"Only one of {len(fit.searches)} starts ended at this optimum: more starts may find a better one.")
@@ -97,7 +97,7 @@ def cautions(fit: Fit) -> list[str]:
         said.append(
             uncertain.get(name, f"{name} is hardly determined: an interval is wider than the value or its bounds.")
         )
-    said += [f"{name[0].upper()}{name[1:]} holds the result." for name in fit.active]
+    said += [f"{name[0].upper()}{name[1:]} is active." for name in fit.active]
     pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= {*u.names} for u in fit.undetermined)]
     strongest: dict[str, float] = {}
     for words, (*_, c) in zip(_gathered([(a, b) for a, b, _ in pairs]), pairs, strict=True):
@@ -109,7 +109,7 @@ def cautions(fit: Fit) -> list[str]:
 
 
 def _combinations(fit: Fit) -> list[str]:
-    """A sentence for each combination that matters alone; of those of initial states a few, and how many more."""
+    """A sentence for each combination that is not identifiable; of initial states a few, and how many more."""
     every = [u for u in fit.undetermined if u.kind not in (NO_INFLUENCE, UNCERTAIN)]
     started = [u for u in every if all("@" in name for name in u.names)]
     left_out = started[MOST_OF_STATES:]
@@ -193,7 +193,7 @@ def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
 
 
 def _beside_noise(comparison: Comparison) -> list[str]:
-    """How far from the noise the best model is, and what to do where that is far; nothing where it is not known."""
+    """The residual of the best model relative to the noise, and advice where it is large; empty if not known."""
     ratio, name = comparison.above_noise, comparison.best.name
     if not np.isfinite(ratio):
         return []
@@ -201,10 +201,10 @@ def _beside_noise(comparison: Comparison) -> list[str]:
     size = f"{k * comparison.noise:.3g} {unit}".rstrip()
     noise = f"The noise of the recordings is {size} rms ({comparison.noise_from})"
     if ratio < FAR:
-        return [textwrap.fill(f"{noise}; {name} leaves {ratio:.2g} times that.", WIDTH)]
+        return [textwrap.fill(f"{noise}; the residual of {name} is {ratio:.2g} times that.", WIDTH)]
     text = (
-        f"{noise}, and {name} leaves {ratio:.2g} times that: something is missing in every one. "
-        "A diagnosis (tsm.diagnose, tsmblocks diagnose) looks for what it is."
+        f"{noise}, and the residual of {name} is {ratio:.2g} times that: every model has an unmodelled effect. A "
+        "diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
     )
     return [textwrap.fill(text, WIDTH, break_on_hyphens=False)]
 
@@ -241,12 +241,12 @@ def by_file(found: Mapping[str, Comparison]) -> str:
         if row.name == best
         for words in ([row.fault] if row.fit is None else row_doubts(row))
     ]
-    title = f"{heading(what, unit)}, every file fitted alone; * is the best"
+    title = f"{heading(what, unit)}, each file fitted separately; * marks the best"
     return "\n\n".join([title, text, *_list("beware:", said)])
 
 
 def row_doubts(row: Row) -> list[str]:
-    """What to know of a fitted model of a comparison before its figure is believed, briefly."""
+    """Cautions on a fitted model of a comparison, briefly."""
     if row.fit is None:
         return []
     said = [row.fault] if row.fault else []

@@ -49,4 +49,4 @@ BLOCK_NAMES = {_letters_and_digits(name): block for block, names in OTHER_NAMES.
 def block_hint(name: str, known: Collection[str], otherwise: str = "") -> str:
     """A hint with the block that has another name elsewhere; else the near miss, as ``errors.near``."""
     here = BLOCK_NAMES.get(_letters_and_digits(name))
-    return f" Here that is '{here}'." if here and here in known else near(name, known, otherwise=otherwise)
+    return f" Its name here is '{here}'." if here and here in known else near(name, known, otherwise=otherwise)

@@ -79,7 +79,7 @@ class Block:
     in between; any other is updated once at the start of each step. ``source`` names the origin of the equations
     (paper, book, "definition"); ``symbol`` is the text in drawings, ``symbol_with_values`` the text that shows
     parameters, named in braces: ``"{gain}/({time_constant:s}+1)"``; ``{level:unit}`` adds the unit. One that
-    ``switches`` its diagram ("enable", "trigger") says by its output ``on`` when that acts.
+    ``switches`` its diagram ("enable", "trigger") has an output ``on`` that says when the diagram acts.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ class Block:
         return type(self)(**{**values, **changes})
 
     def with_symbols(self, symbol: Callable[[str, Any], Any]) -> Block:
-        """Return the same block with symbols in the place of its numbers.
+        """Return the same block with symbols instead of its numbers.
 
         Parameters
         ----------
@@ -360,7 +360,7 @@ def block(target: B | None = None, *, register: bool = True) -> Any:
         raise BlockError(f"{owner} must derive from Block itself, not from {base}. Write class {owner}(Block).")
     if "__init__" in vars(target):
         wrong = f"{owner} must not have __init__: it is made from what is declared."
-        raise BlockError(f"{wrong} Numbers that must go together are for check().")
+        raise BlockError(f"{wrong} Check parameters against each other in check().")
     ports = {k: v for k, v in vars(target).items() if isinstance(v, (Input, Output, Tape, Past))}
     cls: Any = attrs.frozen(kw_only=True, slots=False, repr=False)(target)
     cls._declared = ports

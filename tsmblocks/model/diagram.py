@@ -1,6 +1,6 @@
 """What a diagram is: named blocks, wires, inputs and outputs, as one value. Editing gives a new diagram.
 
-It knows ports, names and units; nothing of equations or of simulation. A diagram may be a block of another, to any
+It knows ports, names and units, but no equations and no simulation. A diagram may be a block of another, to any
 depth; a dotted name refers to what is inside (``"motor.drive.high"``).
 """
 
@@ -117,7 +117,7 @@ class Diagram:
     where : str, optional
         ``file:line`` for messages, by default that of the caller.
     simulation : Simulation, optional
-        How it was simulated on recordings, as files of fitted diagrams say; of no account when diagrams are compared.
+        How it was simulated on recordings, as files of fitted diagrams say; ignored when diagrams are compared.
 
     Raises
     ------
@@ -179,7 +179,7 @@ class Diagram:
         if not wrong:
             wrong = [not_a_block(k, v) for k, v in blocks.items() if not isinstance(v, (Block, Diagram))]
         if not wrong and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
-            wrong = [f"diagrams stand inside diagrams more than {DEEPEST} deep."]
+            wrong = [f"diagrams are nested more than {DEEPEST} deep."]
         if wrong:
             raise DiagramError(self.title, wrong, self.where)
         checked = validation.examine(
@@ -276,7 +276,7 @@ class Diagram:
         ----------
         changes : mapping of str to float
             Values by full name: ``{"pid.kp": 2.0, "motor.drive.high": 12.0, "theta": 5.0}``. An entry of the ``values``
-            table changes every block that refers to it, a parameter of one block that alone.
+            table changes every block that refers to it, a parameter of one block only that block.
 
         Returns
         -------
@@ -309,7 +309,7 @@ class Diagram:
         return self._with(simulation=simulation)
 
     def untied(self, names: Iterable[str]) -> Diagram:
-        """Return the diagram in which parameters have numbers of their own in the place of references.
+        """Return the diagram in which parameters have their own numbers instead of references.
 
         Parameters
         ----------
@@ -363,7 +363,7 @@ class Diagram:
     ) -> Diagram:
         """Return the diagram with a block put on a wire.
 
-        Of the block's inputs its only one is wired, or the one named ``u``. With a dotted ``name`` (``"motor.slack"``)
+        The wire enters the block's only input, or the one named ``u``. With a dotted ``name`` (``"motor.slack"``)
         the diagram inside block ``motor`` is edited, to which ``after``, ``before`` and ``wires`` refer.
 
         Parameters
@@ -393,7 +393,7 @@ class Diagram:
         return edits.insert(self, name, block, after, before, wires)
 
     def replace(self, name: str, block: Block | Diagram, *, ports: Mapping[str, str] | None = None) -> Diagram:
-        """Return the diagram with another block in the place of one, wired the same way.
+        """Return the diagram with one block replaced by another, wired the same way.
 
         Parameters
         ----------
@@ -509,7 +509,7 @@ class Diagram:
         return short_name(end, self.blocks, "output")
 
     def _repr_svg_(self) -> str:
-        """The drawing, for notebooks."""
+        """The drawing of the diagram, for notebooks."""
         return view("svg", self)
 
     def __reduce__(self) -> Any:  # mapping proxies do not pickle

@@ -83,7 +83,7 @@ def _nested(edit: Callable[..., Diagram]) -> Callable[..., Diagram]:
         inner = _need(diagram, head)
         if isinstance(inner, Block):
             what = f"{edit.__name__} '{name}': {head} is a {type(inner).__name__}"
-            raise _fail(diagram, f"{what}, not a diagram, so nothing stands inside it.")
+            raise _fail(diagram, f"{what}, not a diagram, so it contains no blocks.")
         try:
             changed = edited(inner, rest, *args)
         except DiagramError as error:
@@ -192,14 +192,15 @@ def remove(diagram: Diagram, name: str) -> Diagram:
         raise _fail(
             diagram,
             f"remove '{name}': it has {several([x.target[1] for x in into], 'input')} and "
-            f"{several(leaving, 'output')} in use, so what should take its place is not known. Use rewire or replace.",
+            f"{several(leaving, 'output')} in use, so it is not known which signal should replace it. Use rewire or "
+            "replace.",
         )
     if (
         leaving and into[0].target[1] == "v"
     ):  # friction, an observer: the output is another quantity, whatever the units
         raise _fail(
             diagram,
-            f"remove '{name}': its input v is a rate, which cannot take the place of what it gives. To do without it: "
+            f"remove '{name}': its input v is a rate, which cannot replace its output. To remove its effect: "
             f"replace('{name}', Gain(gain=0.0), ports={{'v': 'u'}}), or rewire.",
         )
     kept = [x for x in links if name not in (x.source[0], x.target[0])]

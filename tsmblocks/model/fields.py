@@ -1,7 +1,7 @@
 """What a block may declare: ports, states, and parameters with meaning, unit and bounds.
 
 One declaration serves the error message, the default bounds of a fit, the file format, the axis label and the
-generated test of bad values, so a fact about a block is stated in its class and nowhere else.
+generated test of bad values, so each fact about a block is stated once, in its class.
 """
 
 from __future__ import annotations
@@ -82,13 +82,13 @@ class Past:
     of : str
         The input port that is delayed.
     by : str
-        Parameter that holds the delay [s]. It may not be shorter than a step, unless ``now``.
+        Parameter that holds the delay [s]. It may not be shorter than a step, unless ``now`` is set.
     initial : str
         Parameter that holds the value of the port before the run.
     now : bool, default False
         Whether the present value takes part in the interpolation: any delay from 0 on, with direct feedthrough.
     first : bool, default False
-        Whether the value before the run is the first value of the port, in the place of ``initial``.
+        Whether the value before the run is the first value of the port, instead of ``initial``.
     """
 
     about: str
@@ -176,7 +176,7 @@ class Field:
 
     @property
     def default_in_files(self) -> Any:
-        """The value that a file means which does not give it."""
+        """The value that applies where a file does not give it."""
         return self.default if self.omitted is None else self.omitted
 
     def allows(self, value: float) -> bool:
@@ -230,14 +230,14 @@ def parameter(
     finite : bool, default True
         Whether infinity (a limit that never acts) is refused even where no bound excludes it.
     known : bool, default False
-        Whether a fit keeps it fixed unless it is named: it is read off a data sheet, or a matter of choice.
+        Whether a fit keeps it fixed unless it is named: it is taken from a data sheet, or chosen.
     initial : bool, default False
-        Whether it is a list of initial values, one for each state, or an empty one for zeros: no property of a machine,
-        but of a recording.
+        Whether it is a list of initial values, one for each state, or an empty one for zeros: a property of a
+        recording, not of a machine.
     omitted : float, optional
-        Value that a file means which does not give it, where the default was another when such files were written.
+        Value that applies where a file does not give it, if the default was different when such files were written.
     opposite : str, default ""
-        Another parameter; where that one alone is given, this one is the same number with the sign turned.
+        Another parameter; where only that one is given, this one has the same magnitude and the opposite sign.
 
     Returns
     -------
@@ -324,7 +324,7 @@ def state(*, default: float, about: str, unit: str = "") -> Any:
 
 
 MOST_EXACT = 2**53
-"""Whole numbers from which a double does not hold each."""
+"""Size from which a double does not hold every whole number."""
 
 # ---- values -----------------------------------------------------------------------------------
 
@@ -378,7 +378,7 @@ def validate(owner: str, name: str, field: Field, value: Any) -> None:
 
 
 def _fault(name: str, field: Field, value: Any) -> str:
-    """What is wrong with the value of a field, as a sentence that begins with the field's name."""
+    """The fault of the value of a field, as a sentence that begins with the field's name."""
     if field.kind == "option" and is_reference(value):
         return f"{name} is an option, and only a parameter can refer to values, got {in_words(value)}."
     if field.choices:
@@ -403,7 +403,7 @@ def _fault(name: str, field: Field, value: Any) -> str:
 
 
 def _number_fault(name: str, field: Field, number: Any) -> str:
-    """What is wrong with a single number, ``""`` where it is allowed."""
+    """The fault of a single number, ``""`` where it is allowed."""
     if not isinstance(number, float) or math.isnan(number):
         return f"{name} must be a number, got {in_words(number)}."
     if field.allows(number):

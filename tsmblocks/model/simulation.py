@@ -1,4 +1,4 @@
-"""How a diagram was simulated on recordings: what a file needs beside the diagram to give the same errors again."""
+"""How a diagram was simulated on recordings: the settings with which its file reproduces the same errors."""
 
 from __future__ import annotations
 

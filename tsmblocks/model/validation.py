@@ -68,7 +68,7 @@ def examine(
     named = {"block": blocks, "input": inputs, "output": outputs, "value": values}
     faults = [fault for what, names in named.items() for fault in name_faults(names, what)]
     unsure = {*unsure, *(k for k in blocks if not _is_name(k))}
-    others = dict.fromkeys(outputs, "an output of the diagram: say under outputs what it shows.")
+    others = dict.fromkeys(outputs, "an output of the diagram: give its signal under outputs.")
     others |= dict.fromkeys(inputs, "an input of the diagram: list the ports it drives under inputs.")
     links, bad_wires = _read_wires(wires, blocks, others)
     again = "give one of them another name."
@@ -130,7 +130,7 @@ def _read_wires(wires: Any, blocks: Mapping[str, Any], others: Mapping[str, str]
 
 
 def wires_fault(name: str, given: Any) -> str:
-    """What is wrong with ``given`` as a list of chains, ``""`` if nothing is; ``name`` is that of the argument."""
+    """The fault of ``given`` as a list of chains, ``""`` if there is none; ``name`` is that of the argument."""
     if not isinstance(given, str):
         with suppress(TypeError):
             iter(given)

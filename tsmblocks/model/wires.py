@@ -16,7 +16,7 @@ import attrs
 from tsmblocks.common.errors import clip, in_words, near
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-"""What a block, a port, an input or an output may be called."""
+"""Allowed names of blocks, ports, inputs and outputs."""
 NO_OTHERS: Mapping[str, str] = {}
 """No names but those of blocks."""
 
@@ -89,7 +89,7 @@ class Fault(Exception):
 
 
 def not_a_block(name: str, given: object) -> str:
-    """The message for something else in the place of a block."""
+    """The message for something else given as a block."""
     hint = f" Write {given.__name__}()." if isinstance(given, type) else ""
     return f"{name} must be a block or a diagram, got {in_words(given)}.{hint}"
 
@@ -116,7 +116,7 @@ def _choose(name: str, block: Ported, port: str, side: str) -> str:
         return usual[0]
     if not usual:
         raise Fault(f"{owner} has no {side}.")
-    raise Fault(f"{owner} has {len(usual)} {side}s, so say which. Known here: {', '.join(usual)}.")
+    raise Fault(f"{owner} has {len(usual)} {side}s; name one of them. Known here: {', '.join(usual)}.")
 
 
 def resolve(text: str, blocks: Mapping[str, Ported], side: str, others: Mapping[str, str] = NO_OTHERS) -> End:
@@ -132,7 +132,7 @@ def resolve(text: str, blocks: Mapping[str, Ported], side: str, others: Mapping[
     if numbered and numbered[1] in blocks:
         block = blocks[numbered[1]]
         raise Fault(
-            f"the ports of {numbered[1]} ({type(block).__name__}) go by name, not by number."
+            f"the ports of {numbered[1]} ({type(block).__name__}) are named, not numbered."
             f" Its {side}s: {', '.join(_ports(block, side)) or 'none'}."
         )
     if not NAME.fullmatch(name) or (port and not NAME.fullmatch(port)):
@@ -159,7 +159,7 @@ def parse_chain(
         return [], [f"wire '{text}' has a comma before its last arrow; only the last place may list several."]
     for (source,), targets in itertools.pairwise(stages):
         try:
-            # In the middle of a chain a port names where the wire goes in; out there must be one way.
+            # In the middle of a chain a port names where the wire enters; the block must have one output.
             first = source is stages[0][0]
             start = resolve(source if first else source.partition(".")[0], blocks, "output", others)
         except Fault as fault:
@@ -200,7 +200,7 @@ def chains(links: Iterable[Link], blocks: Mapping[str, Ported]) -> list[str]:
     for link in links:
         targets.setdefault(link.source, []).append(link.target)
     fed = {end[0] for ends in targets.values() for end in ends}
-    heads = sorted(targets, key=lambda source: source[0] in fed)  # stable: sources nobody feeds come first
+    heads = sorted(targets, key=lambda source: source[0] in fed)  # stable: sources without inputs come first
     lines: list[str] = []
     for head in heads:
         if head not in targets:

@@ -169,7 +169,8 @@ def logged_signals(
         fewer = times.every * 10 ** math.ceil(math.log10(times.kept * len(chosen) / MOST_NUMBERS))
         raise RunError(
             f"{times.kept} instants of {len(chosen)} signals would take "
-            f"{times.kept * len(chosen) * 8 / 1e9:.0f} GB. Keep less: log='outputs', or every={fewer}."
+            f"{times.kept * len(chosen) * 8 / 1e9:.0f} GB. Keep fewer signals or instants: log='outputs', or "
+            f"every={fewer}."
         )
     size = COPIES * 8.0 * times.kept * len(chosen)
     refuse_too_large(size, f"logging {times.kept:,} instants of {len(chosen)} signals", "Keep less.", RunError)
@@ -199,7 +200,7 @@ def run_to_their_end(diagram: Diagram, what: str) -> None:
     """Refuse a diagram whose runs end at a condition, where ``what`` knows none."""
     if text := diagram.simulation.stop_when:
         raise RunError(
-            f"'{diagram.title}' ends its runs with stop_when = {text!r}, and {what} goes on to the end. Leave it out: "
+            f"'{diagram.title}' ends its runs with stop_when = {text!r}, but {what} always runs to the end. Remove it: "
             "diagram.with_simulation(attrs.evolve(diagram.simulation, stop_when=''))."
         )
 

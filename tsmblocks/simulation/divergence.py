@@ -71,12 +71,12 @@ def _loop_message(loop: Loop, before: dict[str, float], time: float) -> str:
     if loop.linear:
         return (
             f"the algebraic loop {loop} is singular at t = {time:g} s: its loop gain is 1, so it has no solution, or "
-            f"any.{last} Change a gain, or break it with a block that has a state (a lag, an integrator)."
+            f"infinitely many.{last} Change a gain, or break it with a block that has a state (a lag, an integrator)."
         )
     return (
         f"the algebraic loop {loop} has no solution at t = {time:g} s that Newton's method finds, from the last "
-        f"one and from {STARTS} other starts.{last} Something that jumps (a sign, a comparison) may leave a loop "
-        "without one; break it with a block that has a state (a lag, an integrator)."
+        f"one and from {STARTS} other starts.{last} A discontinuity (a sign, a comparison) may leave a loop without a "
+        "solution; break it with a block that has a state (a lag, an integrator)."
     )
 
 
@@ -84,9 +84,9 @@ def _step_message(session: Session, loop: Loop, before: dict[str, float], time: 
     last = f" One step before: {_pairs((k, before[k]) for k in session.eq.x[:4] if k in before)}." if before else ""
     return (
         f"the equations of {session.kernel.plan.method.name} for the step to t = {time:g} s have no solution that "
-        f"Newton's method finds, first in {loop.path[0]}.{last} Something that jumps (a sign, a comparison) may leave "
-        "them without one: where a state passes a jump, locate=True steps to it; where a state rests at one, make it "
-        "continuous. A state that grows without bound needs a shorter step."
+        f"Newton's method finds, first in {loop.path[0]}.{last} A discontinuity (a sign, a comparison) may leave them "
+        "without a solution: where a state passes a discontinuity, use locate=True; where a state rests at one, "
+        "replace it by a continuous function. A state that grows without bound needs a shorter step."
     )
 
 

@@ -57,7 +57,7 @@ class Run(SignalViews):
         Algebraic loops: the ``path`` of each, whether it is ``linear`` (then it was eliminated), and else how often it
         was ``solved``, in how many iterations (``mean_iterations``, ``most_iterations``).
     ended_by : str, default ""
-        The condition at which the run ended, ``stop_when``; empty where it went on to its end.
+        The condition at which the run ended, ``stop_when``; empty where it ran to its end.
 
     Examples
     --------

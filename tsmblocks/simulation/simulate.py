@@ -121,7 +121,7 @@ def simulate(
     -----
     StepWarning
         Where the step is too long: for the fastest pole of the diagram, or for the run as it went. The warning says
-        which signal is wrong, when and by how much, and a step that would do.
+        which signal is wrong, when and by how much, and a step that suffices.
     LoopWarning
         Where the gain of a linear algebraic loop passes 1 between two steps, with no jump: its signals pass through
         infinity there.

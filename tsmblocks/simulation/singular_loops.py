@@ -45,8 +45,9 @@ def without_determinants(eq: Equations, rows: np.ndarray, t: np.ndarray) -> np.n
             k = crossings[0]
             warnings.warn(
                 f"diagram '{eq.title}': the gain of the algebraic loop {' -> '.join(path)} passes 1 between "
-                f"t = {t[k]:g} s and {t[k + 1]:g} s, so its signals pass through infinity there. What follows has no "
-                "meaning unless the gain jumps. Keep it below 1, or break the loop with a block that has a state.",
+                f"t = {t[k]:g} s and {t[k + 1]:g} s, so its signals pass through infinity there. The results after "
+                "that are meaningless unless the gain jumps. Keep it below 1, or break the loop with a block that "
+                "has a state.",
                 LoopWarning,
                 stacklevel=4,
             )

@@ -79,7 +79,7 @@ def fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> str:
 def concerned(checked: int, found: int, worst: str) -> str:
     """Which sets of parameters a warning is about."""
     if checked == 1:
-        return f"This is with {worst}."
+        return f"This is for {worst}."
     return f"Of {checked} sets of parameters that were checked this concerns {found}, most of all {worst}."
 
 

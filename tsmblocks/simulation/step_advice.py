@@ -1,4 +1,4 @@
-"""What the warning of a step that is too long says: where, by how much, and what would do."""
+"""The warning of a step that is too long: where, by how much, and the settings that suffice."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tsmblocks.engine.switches import freeze
 from tsmblocks.simulation.repeated_steps import Part, Taken
 
 SETTLING = 0.02
-"""Difference between the two shortest steps up to which they tell what another way to run it should give. Chosen."""
+"""Difference between the two shortest steps up to which they serve as a reference for other settings. Chosen."""
 LEAST_ORDER = 0.4
 """Observed order of convergence below which no step is predicted. Chosen: half the order of a jump."""
 MOST_PREDICTED = 10
@@ -28,10 +28,10 @@ STIFF = " (the diagram is stiff)"
 MOST_TRIED_STEPS, MOST_TRIED_STATES = 20_000, 40
 """Steps and states of a run up to which another method is tried. Chosen: for speed."""
 CLOSER = 0.03
-"""Share of the run's own error that is left in another way to run it that settles, at most. Chosen: shorter steps, with
+"""Share of the run's error that remains with other settings that settle, at most. Chosen: shorter steps, with
 which this is compared, may be off themselves where switches make them converge slowly."""
 EXPLICIT, IMPLICIT = "rk4", "sdirk4"
-"""The method that is tried in the place of one of low order, and the one where a diagram seems stiff."""
+"""The method that is tried instead of one of low order, and the one where a diagram seems stiff."""
 
 
 @attrs.frozen(eq=False)
@@ -56,7 +56,7 @@ class Examined:
 
 @attrs.frozen
 class Advice:
-    """``step`` [s] that would do (None where none was found), ``tried`` if it was; ``locate``, ``method`` that do."""
+    """``step`` [s] that suffices (None if not found), ``tried`` if it was; ``locate``, ``method`` that suffice."""
 
     step: float | None
     tried: bool
@@ -65,7 +65,7 @@ class Advice:
 
 
 def advice(found: Examined, tolerance: float) -> Advice:
-    """What would do: found by trying it where that is cheap."""
+    """The settings that suffice: found by trying them where that is cheap."""
     run, gaps = found.run, found.gaps
     h, rule = run.session.h, run.session.kernel.plan.method
     halved, tried = len(gaps), gaps[-1] <= tolerance
@@ -78,7 +78,7 @@ def advice(found: Examined, tolerance: float) -> Advice:
     allowed = max(tolerance + 2 * gaps[-1], CLOSER * float(found.error(found.states).max()))
 
     def does(take: Callable[[float], np.ndarray]) -> bool:
-        """Whether another way to run it, which takes steps so many times as short, settles at the run's own step."""
+        """Whether other settings, with steps so many times as short, settle at the run's own step."""
         try:
             states = take(1.0)
             agrees = np.nan_to_num(np.abs(states - take(2.0)) / found.scale, nan=np.inf).max() <= tolerance
@@ -130,7 +130,7 @@ def _other_methods(run: Taken, k: int, halved: int) -> list[str]:
 
 
 def step_finding(found: Examined, remedy: Advice, tolerance: float) -> str:
-    """What is found: the worst state, when, by how much, and what would do."""
+    """The finding: the worst state, when, by how much, and the settings that suffice."""
     run, k = found.run, -(-found.part.k // found.run.every) * found.run.every
     session = run.session
     error = found.error(found.states)
@@ -167,5 +167,5 @@ def _remedy(session: Session, found: Examined, remedy: Advice) -> str:
         return text[0].upper() + text[1:]
     return (
         f"Down to steps of {session.h / 2 ** len(found.gaps):.4g} s results do not settle: the diagram may be chaotic, "
-        "unstable or very stiff, or switch to and fro at one place."
+        "unstable or very stiff, or switch back and forth at one point."
     )

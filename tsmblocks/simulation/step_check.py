@@ -1,7 +1,7 @@
 """Whether the step of a run was short enough: the run, or a sample of it, is taken again in other steps.
 
 First with twice the step (half of it where that cannot be), which costs little. Where the states differ by more than
-``TOLERANCE`` there, the steps are halved until they agree: this gives the error, and a step that would do.
+``TOLERANCE`` there, the steps are halved until they agree: this gives the error, and a step that suffices.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class StepCheck:
     known: str = ""
 
     def finding(self, run: Taken | None) -> str:
-        """Where the step of the run was too long, by how much, and what would do; empty where it was short enough."""
+        """Where the run's step was too long, by how much, and settings that suffice; empty if it was short enough."""
         if self.begin is None or run is None:
             return self.known
         try:
@@ -100,7 +100,7 @@ def prepared(session: Session, steps: int, logged: tuple[int, ...], whole: bool)
 
 
 def _fingerprint(signal: Signal) -> Any:
-    """What an input is recognised by: the function, or its hold and a sample of its values."""
+    """The key by which an input is recognised: the function, or its hold and a sample of its values."""
     if signal.function is not None:
         return signal.function
     t, y = signal.t, signal.y
@@ -129,7 +129,7 @@ def taken(
 
 
 def verdict(run: Taken) -> str:
-    """What is found of a run; empty where its step was short enough."""
+    """The finding on a run; empty where its step was short enough."""
     with np.errstate(all="ignore"):
         try:
             found = [one for part in doubts(run) if (one := _examined(with_outputs(run, [part]), part)) is not None]
@@ -143,7 +143,7 @@ def verdict(run: Taken) -> str:
 
 def _examined_without_location(run: Taken) -> list[Examined]:
     """The beginning of a run that located its switches, of which there are many: shorter steps that do not locate them
-    tell where it is wrong, once they agree among themselves.
+    show where it is wrong, once they agree among themselves.
     """
     if not run.complete:  # its own states would have to be located again
         return []

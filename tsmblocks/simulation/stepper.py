@@ -296,12 +296,12 @@ def _need_single(title: str, feed: SampledInput) -> None:
     """Raise RunError for an input that must be known for the whole run."""
     if feed.block:
         raise RunError(
-            f"diagram '{title}' cannot be run sample by sample: {feed.block} is made for a whole run at once. "
-            "Give its signal as an input instead."
+            f"diagram '{title}' cannot be run sample by sample: {feed.block} generates its signal for a whole run at "
+            "once. Give this signal as an input instead."
         )
     if feed.order:
         name = feed.name.removeprefix("d/dt " * feed.order)
         raise RunError(
             f"diagram '{title}' cannot be run sample by sample: it needs the derivative of its input '{name}', "
-            "which single values do not have. Use a FilteredDerivative, or an input for the rate."
+            "which cannot be formed from single values. Use a FilteredDerivative, or an input for the rate."
         )

@@ -1,4 +1,4 @@
-"""A run that ends where a condition becomes true, at the instant itself."""
+"""A run that ends where a condition becomes true, at the located instant."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ INSTANT_TOLERANCE = 1e-12
 
 
 class IgnoredConditionWarning(UserWarning):
-    """A condition at which a diagram ends its runs, which does not act since that diagram stands in another."""
+    """A condition at which a diagram ends its runs, which is ignored since that diagram is nested in another."""
 
 
 def condition_of(diagram: Diagram, given: str | None) -> str:
@@ -36,8 +36,8 @@ def condition_of(diagram: Diagram, given: str | None) -> str:
         return as_text("stop_when", given)
     for name, one in _inner_conditions(diagram):
         warnings.warn(
-            f"diagram '{diagram.title}': runs of {name} alone end with stop_when = '{one}', which does not act here, "
-            "where its signals have other names. Give simulate a stop_when of its own, '' for none.",
+            f"diagram '{diagram.title}': runs of {name} alone end with stop_when = '{one}', which is ignored here, "
+            "where its signals have other names. Give simulate its own stop_when, '' for none.",
             IgnoredConditionWarning,
             stacklevel=3,
         )
@@ -114,7 +114,7 @@ def run_until(session: Session, steps: int, one: Watched, progress: Callable[[fl
 
 
 def _copy(session: Session) -> Session:
-    """The session as it is now; one of the two may go on."""
+    """A copy of the session as it is now; either may continue."""
     made = copy.copy(session)
     made.memory, made.events = session.memory.copy(), list(session.events)
     return made
