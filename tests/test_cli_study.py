@@ -155,7 +155,7 @@ FAULTS = {
     "runs": (STUDY.replace("runs = 40", "runs = 0"), "14: runs must be a whole number of at least 1, got 0."),
     "nothing varies": (
         STUDY.partition("[vary]")[0],
-        ' nothing varies: write [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].',
+        ' no parameter varies: write [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].',
     ),
     "parameter": (
         STUDY.replace('"pid.kp"', '"pid.pk"'),

@@ -164,7 +164,7 @@ def test_repeats_whose_noise_fades_all_along_are_doubted():
     made = [record(u=x, y=x + white(1.0, seed=k) * np.linspace(0.5, 0.01, 6000)) for k in range(2)]
     got = noise(made, "y")
     assert got.method == "high frequencies"
-    assert got.doubt.startswith("repeats: what is taken for noise does not settle (")
+    assert got.doubt.startswith("repeats: the noise found does not settle (")
 
 
 @pytest.mark.parametrize("samples", [14, 20])

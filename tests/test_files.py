@@ -256,7 +256,9 @@ def test_any_title_survives(title):
 
 
 def test_half_a_character_is_refused():
-    with pytest.raises(FileError, match=r"title is 'a.*d800', with half a character in it, which a file cannot hold"):
+    with pytest.raises(
+        FileError, match=r"title is 'a.*d800', with an incomplete character in it, which a file cannot hold"
+    ):
         dumps(loop(title="a\ud800"))
 
 

@@ -240,19 +240,17 @@ MISTAKES = {
     ),
     "use upward": (
         [('type = "Sine"', 'use = "../secret"')],
-        [
-            "10: block 'ref': use = '../secret' leads out of the folder of this file. Name a diagram next to it or below."
-        ],
+        ["10: block 'ref': use = '../secret' is outside the folder of this file. Name a diagram next to it or below."],
     ),
     "use from the root": (
         [('type = "Sine"', 'use = "/etc/passwd"')],
         [
-            "10: block 'ref': use = '/etc/passwd' leads out of the folder of this file. Name a diagram next to it or below."
+            "10: block 'ref': use = '/etc/passwd' is outside the folder of this file. Name a diagram next to it or below."
         ],
     ),
     "use of a drive": (
         [('type = "Sine"', 'use = "C:secret"')],
-        ["10: block 'ref': use = 'C:secret' leads out of the folder of this file. Name a diagram next to it or below."],
+        ["10: block 'ref': use = 'C:secret' is outside the folder of this file. Name a diagram next to it or below."],
     ),
     "use of a misspelt diagram": (
         [('type = "Sine"', 'use = "fig7_observer"')],
@@ -480,7 +478,7 @@ def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
     [
         (
             b"format = 1\ntitle = '\xe9'\n",
-            ":2: the text is not UTF-8 (byte 0xe9 has no place in it). Save it as UTF-8.",
+            ":2: the text is not UTF-8 (byte 0xe9 is not allowed in it). Save it as UTF-8.",
         ),
         (GOOD.encode("utf-16"), ":1: the text is not UTF-8 (it seems to be UTF-16). Save it as UTF-8."),
         (b"format = 1\x00\n", ":1: this is not TOML: expected newline or end of document after a statement"),
@@ -804,9 +802,9 @@ def test_a_caller_deep_in_its_stack_gets_a_message():
     room = sys.getrecursionlimit() - len(inspect.stack(0))
     said = {refused_below(room - left) for left in range(100, room, 25)}
     assert said == {
-        "loop.toml: tables stand inside each other too deep.",
+        "loop.toml: tables are nested too deep.",
         "loop.toml:2: 'x' is not a key of a diagram. Known here: blocks, inputs, outputs, source, title, values, wires.",
-        "loop.toml: brackets stand inside each other too deep.",
+        "loop.toml: brackets are nested too deep.",
     }
 
 
@@ -850,7 +848,7 @@ def test_what_a_file_cannot_hold_is_said_in_characters_that_can_be_shown():
         dumps(unwritable)
     assert str(caught.value).encode().decode() == (
         "diagram 'a\\ud800' has 2 problems:\n"
-        "  1. title is 'a\\ud800', with half a character in it, which a file cannot hold.\n"
+        "  1. title is 'a\\ud800', with an incomplete character in it, which a file cannot hold.\n"
         "  2. u.about is 3, which a file cannot hold."
     )
 

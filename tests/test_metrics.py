@@ -187,16 +187,17 @@ REFUSED = {
     "overshoot(target=1)": "overshoot takes (signal, target, after=, before=), the last two being optional.",
     "share(u)": "share takes a comparison, such as abs(u) > 23.9.",
     "rms(u > 2)": "rms takes a signal.",
-    "rms(u) > 2": "this compares, but a number is wanted here. The share of the time at which it holds is share(…).",
+    "rms(u) > 2": "this is a comparison, but a number is expected here. "
+    "For the share of the time at which it holds, write share(…).",
     "share(u == 2)": "signals are compared by <, <=, > or >=.",
     "rms(rms(u))": "there is no function 'rms'. Known here: abs, cos, exp, log, max, min, sin, sqrt, tan, tanh.",
     "rms(x_ref - u)": "this mixes rad and V.",
     "rms(x_ref - angle)": "this mixes rad and deg.",
     "rms(x_ref) + rms(u)": "this mixes rad and V.",
     "share(x_ref > u)": "this mixes rad and V.",
-    "rms(u, after=u)": "a plain number is wanted here.",
-    "settling_time(u, 1 / 0)": "this divides by zero.",
-    "rms(u) / 0": "this divides by zero.",
+    "rms(u, after=u)": "a plain number is expected here.",
+    "settling_time(u, 1 / 0)": "this is a division by zero.",
+    "rms(u) / 0": "this is a division by zero.",
 }
 
 

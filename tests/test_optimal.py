@@ -521,7 +521,7 @@ MISTAKES = {
     "delay": (
         lambda: asked(line(Delay(time=0.1))),
         RunError,
-        "'line' delays b0.past, which optimal control cannot follow. Leave the delay out, and give the references that much earlier.",
+        "'line' delays b0.past, which optimal control does not support. Remove the delay, and give the references earlier by the same time.",
     ),
     "pieces": (lambda: asked(pieces=0), RunError, "pieces must be a whole number of at least 1, got 0."),
     "missing reference": (
@@ -539,7 +539,7 @@ MISTAKES = {
     "rounds": (
         lambda: asked(line(Quantiser(interval=0.1))),
         RunError,
-        "'line' rounds a signal to steps, and a gradient is zero between them. Leave the block that rounds out of the model.",
+        "'line' rounds a signal to steps, and a gradient is zero between them. Remove the block that rounds from the model.",
     ),
     "two derivatives": (
         lambda: asked(line(Derivative(), Derivative())),

@@ -134,7 +134,7 @@ REFUSED = {
     "no belief": (lambda: monte_carlo({"a": 3}, 5), "'a' varies by (low, high), Uniform or Normal, got 3."),
     "no beliefs": (
         lambda: monte_carlo({}, 5),
-        "nothing varies: write {'tsm.theta': (4, 6)} or {'tsm.theta': Normal(5, 0.5)}, got {}.",
+        "no parameter varies: write {'tsm.theta': (4, 6)} or {'tsm.theta': Normal(5, 0.5)}, got {}.",
     ),
     "upside down": (lambda: Uniform(2, 1), "low must be below high, got low=2, high=1."),
     "log of less than nothing": (lambda: Uniform(-1, 1, log=True), "Uniform with log=True needs low > 0, got low=-1."),

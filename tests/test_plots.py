@@ -38,7 +38,7 @@ def test_an_expression_is_a_signal_and_the_way_in_can_be_left_out(run):
         ("x_ref - x_uot", ParameterError, "there is no signal 'x_uot'. Did you mean 'x_out'?"),
         ("x_reff", RunError, "has no signal 'x_reff'. Did you mean 'x_ref'?"),
         ("x_ref - u", ParameterError, "this mixes rad and V."),
-        ("x_ref > 1", ParameterError, "this compares, and has no curve."),
+        ("x_ref > 1", ParameterError, "this is a comparison, which is no signal."),
     ):
         with pytest.raises(error, match=re.escape(said)):
             run.plot(text)

@@ -172,7 +172,7 @@ def test_a_study_runs_in_processes_that_share_nothing(tmp_path):
 def test_a_script_without_a_guard_is_told_what_it_lacks(tmp_path):
     done = ran(tmp_path, "\nwork()\n")
     assert done.returncode == 1
-    assert 'A script that starts processes works under if __name__ == "__main__": alone.' in done.stderr
+    assert 'A script that starts processes must do so under if __name__ == "__main__":.' in done.stderr
 
 
 # ---- where machine code is kept

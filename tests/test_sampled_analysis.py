@@ -189,12 +189,11 @@ REFUSED = {
     ),
     "dead time": (
         lambda: linearize(pid_loop().insert("late", Delay(), before="p.u")),
-        "'pid' has dead times beside samples, "
-        "of which there is no linear model: late.past. Put a UnitDelay in the place.",
+        "'pid' has dead times beside samples, of which there is no linear model: late.past. Use a UnitDelay instead.",
     ),
     "slope": (
         lambda: linearize(pid_loop(wires=["d -> g"], ports=["d.u"], d=Derivative(), g=FirstOrderLag())),
-        "'pid' depends on the derivative of its input 'r', which a discrete-time model holds in between. Put a lag on the input.",
+        "'pid' depends on the derivative of its input 'r', which a discrete-time model holds between samples. Put a lag on the input.",
     ),
     "apart": (
         lambda: linearize(pid_loop(wires=["e -> a"], a=UnitDelay(period=0.04999))),

@@ -599,7 +599,7 @@ REFUSED = {
     ),
     "several diagrams": (
         dict(diagram={"a": lagged()}),
-        "study runs one diagram; of several, make a study each: "
+        "study runs one diagram; for several, make one study each: "
         "{name: study(one, plan, metrics) for name, one in diagrams.items()}.",
     ),
     "plan": (
@@ -643,15 +643,15 @@ def test_what_cannot_be_studied(name):
 
 FACTS = b'{"format": 1, "runs": 2, "parameters": {"%s": 1}, "units": {}, "title": "t", "kind": "grid", "metrics": {}}'
 BROKEN = {
-    (b"run,a\n1,2\n", None): ("s.csv: this is no file of a study's results: there is no s.study.json beside it."),
-    (b"run,a\n1,2\n", b""): ("s.study.json: these are no facts of a study."),
-    (b"run,a\n", b'{"format": 1}'): ("s.study.json: the facts of the study are not all there."),
+    (b"run,a\n1,2\n", None): ("s.csv: this is not a file of results of a study: there is no s.study.json beside it."),
+    (b"run,a\n1,2\n", b""): ("s.study.json: this does not describe a study."),
+    (b"run,a\n", b'{"format": 1}'): ("s.study.json: facts of the study are missing."),
     (b"run,a\n", b'{"format": 1, "runs": 2, "parameters": {}, "units": {}, "title": "", "kind": "", "metrics": 3}'): (
-        "s.study.json: the facts of the study are not all there."
+        "s.study.json: facts of the study are missing."
     ),
     (b"run,a\n", FACTS % b"b"): ("s.csv:1: the heading does not have the parameters and metrics of s.study.json."),
     (b"run,a\n0,1\nx,2\n", FACTS % b"a"): (
-        "s.csv:3: 2 columns are wanted, the first being the number of a run; got 'x,2'."
+        "s.csv:3: 2 columns are expected, the first being the number of a run; got 'x,2'."
     ),
 }
 

@@ -295,7 +295,7 @@ def test_what_cannot_be_switched():
     ]
     both = part().rewire(blocks={**part().blocks, "t": Trigger()}, inputs={**part().inputs, "tick": "t.u"})
     assert refused(both) == [
-        "enable and t both switch their diagram. Leave one, driven by a Logic block that joins the conditions."
+        "enable and t both switch their diagram. Keep one, driven by a Logic block that combines the conditions."
     ]
     ports = dict(y="lag", z="past")
     d = sampled(Trigger(), ["sum", "lag", "past"], ports, lag=FirstOrderLag(), past=Delay())

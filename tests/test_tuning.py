@@ -360,8 +360,7 @@ low                                                57.3  28.65
 high                                              114.6  85.94
 
 beware:
-- r.amplitude is at its lower bound (0.5): beyond it there may be better
-  parameters"""
+- r.amplitude is at its lower bound (0.5): there may be better parameters beyond it"""
 
 
 def test_what_is_found_is_told_in_degrees_with_before_and_bounds():
@@ -392,7 +391,7 @@ def test_limits_that_cannot_be_met_are_told():
     assert not never.met
     assert never.remarks == (
         "highest(y) >= 1.0 is not met: it is 0.5",
-        "gain.gain is at its upper bound (0.5): beyond it there may be better parameters",
+        "gain.gain is at its upper bound (0.5): there may be better parameters beyond it",
     )
     assert "\n\nbeware:\n- highest(y) >= 1.0 is not met: it is 0.5\n- gain.gain is at its upper" in str(never)
     assert never.to_dict()["remarks"] == list(never.remarks)
@@ -446,7 +445,7 @@ def test_what_changes_nothing_is_told():
 def test_nothing_better_is_told():
     found = tune(scaled(), {"gain.gain": (1.0, 5.0)}, "largest(y)", stop=0.1, step=0.01, starts=2)
     assert not found.improved
-    assert found.remarks == ("nothing better was found than the diagram's own parameters",)
+    assert found.remarks == ("no better parameters were found than the diagram's own",)
 
 
 def test_what_is_found_is_a_frame_and_a_figure():

@@ -131,7 +131,7 @@ def a_misspelt_parameter_in_an_equation():
 
 @mistake(
     EquationError,
-    "mine: Mine.outputs branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and where Python has if, min, max or and. See HERE.",
+    "mine: Mine.outputs branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and instead of Python's if, min, max or and. See HERE.",
 )
 def a_python_if_on_a_signal():
     @block(register=False)
@@ -149,7 +149,7 @@ def a_python_if_on_a_signal():
 
 @mistake(
     EquationError,
-    "mine: Mine.outputs branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and where Python has if, min, max or and. See HERE.",
+    "mine: Mine.outputs branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and instead of Python's if, min, max or and. See HERE.",
 )
 def a_python_max_of_a_signal():
     @block(register=False)
@@ -408,7 +408,7 @@ def a_state_that_starts_with_text():
     compiled(Mine)
 
 
-@mistake(EquationError, "mine: Mine.y is two things at once (a port, a state); give one of them another name.")
+@mistake(EquationError, "mine: Mine.y is used twice (as a port and a state); give one of them another name.")
 def a_state_named_like_an_input():
     @block(register=False)
     class Mine(Block):
@@ -452,7 +452,7 @@ def a_unit_that_is_none():
 
 @mistake(
     EquationError,
-    "mine: mine.outputs branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and where Python has if, min, max or and. See HERE.",
+    "mine: mine.outputs branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and instead of Python's if, min, max or and. See HERE.",
 )
 def a_function_that_branches():
     @function_block(register=False)

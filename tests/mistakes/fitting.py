@@ -67,8 +67,7 @@ def a_fit_saved_as_what_it_is_not():
 
 @mistake(
     DataError,
-    "read takes the path of a file, got an array of shape (201,). Of a frame tsm.from_pandas makes a recording, of "
-    "arrays tsm.Record(name, t, signals, units).",
+    "read takes the path of a file, got an array of shape (201,). tsm.from_pandas makes a recording from a frame, tsm.Record(name, t, signals, units) from arrays.",
 )
 def an_array_to_be_read():
     tsm.read(T)

@@ -126,7 +126,7 @@ def a_block_the_package_does_not_have():
 
 LOOP = """
 diagram 'loop' (HERE) has 1 problem:
-  1. error.y -> g.y -> error.y has no state in it, so its value at one instant depends on itself. Break it with a block that has a state (a lag, an integrator), with a Delay, or with a sampled block. Now g would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, counts as a path until it is left out.
+  1. error.y -> g.y -> error.y has no state in it, so its value at one instant depends on itself. Break it with a block that has a state (a lag, an integrator), with a Delay, or with a sampled block. Now g would have no direct feedthrough, since a coefficient is 0; a leading 0 of num, or a D of zeros, counts as a path until it is left out.
 """
 
 
@@ -165,7 +165,8 @@ def an_equation_of_inputs_alone():
 
 
 @mistake(
-    EquationError, "Wrong.outputs sets self.count, and a block does not change: what it remembers is a state. See HERE."
+    EquationError,
+    "Wrong.outputs sets self.count, and a block does not change: declare a state for a value that it remembers. See HERE.",
 )
 def an_equation_that_counts():
     @block(register=False)
@@ -268,7 +269,7 @@ def a_run_without_end():
 
 
 @mistake(
-    RunError, "the delay of d.past is 1e+09 s, which is 1e+10 steps; at most 1e+08 are possible. Take a longer step."
+    RunError, "the delay of d.past is 1e+09 s, which is 1e+10 steps; at most 1e+08 are possible. Use a longer step."
 )
 def a_delay_of_thirty_years():
     d = Diagram(title="late", blocks=dict(d=Delay(time=1e9)), inputs={"u": "d"}, outputs={"y": "d"})

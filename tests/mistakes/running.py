@@ -243,7 +243,7 @@ def a_period_shorter_than_the_step():
 
 @mistake(
     RunError,
-    "the delay of delay.past is 0.0005 s, shorter than the step of 0.001 s. Take a smaller step, or a DeadTime in its place.",
+    "the delay of delay.past is 0.0005 s, shorter than the step of 0.001 s. Use a smaller step, or a DeadTime instead.",
 )
 def a_delay_shorter_than_the_step():
     d = Diagram(title="delays", blocks=dict(ref=Sine(), delay=Delay(time=0.0005)), wires=["ref -> delay"])
@@ -595,7 +595,7 @@ def a_run_that_would_end_where_it_begins():
 @mistake(
     ParameterError,
     """
-stop_when: a comparison is wanted here, such as x > 1.
+stop_when: a comparison is expected here, such as x > 1.
     x - 1
     ^^^^^""",
 )

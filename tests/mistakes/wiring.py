@@ -657,7 +657,7 @@ def an_algebraic_loop_at_the_samples():
     AlgebraicLoop,
     """
 diagram 'loop' (HERE) has 1 problem:
-  1. error.y -> d/dt lag.y -> d.y -> error.y needs its own value at the same instant: a derivative takes away the state it is wired to. Put a FilteredDerivative in the place of the exact one.
+  1. error.y -> d/dt lag.y -> d.y -> error.y needs its own value at the same instant: a derivative removes the state that it differentiates. Replace it by a FilteredDerivative.
 """,
 )
 def an_algebraic_loop_through_a_derivative():
@@ -673,7 +673,7 @@ def an_algebraic_loop_through_a_derivative():
     AlgebraicLoop,
     """
 diagram 'loop' (HERE) has 1 problem:
-  1. a.y -> b.y -> a.y passes its own value on unchanged (its loop gain is 1), so it has no solution, or any. Check the signs of its sums, or break it with a block that has a state.
+  1. a.y -> b.y -> a.y passes its own value on unchanged (its loop gain is 1), so it has no solution, or infinitely many. Check the signs of its sums, or break it with a block that has a state.
 """,
 )
 def a_loop_of_sums_alone():
@@ -711,7 +711,7 @@ def loops_that_are_neither_solved_nor_refused():
     AlgebraicLoop,
     """
 diagram 'ring' (HERE) has 1 problem:
-  1. a.o -> b.i -> b.o -> a.i -> a.o joins diagrams in a ring that holds no block, so the signal has no value.
+  1. a.o -> b.i -> b.o -> a.i -> a.o connects diagrams in a ring without any block, so the signal has no value.
 """,
 )
 def a_ring_of_diagrams_without_a_block():

@@ -83,13 +83,13 @@ def _check(here: LocalEquations, names: Sequence[str]) -> None:
     if eq.q:
         raise RunError(
             f"'{eq.title}' has dead times beside samples, of which there is no linear model: "
-            f"{', '.join(eq.q)}. Put a UnitDelay in the place."
+            f"{', '.join(eq.q)}. Use a UnitDelay instead."
         )
     differentiated = [name for name in names if any(f.order and f.name == "d/dt " * f.order + name for f in eq.u)]
     if differentiated:
         raise RunError(
             f"'{eq.title}' depends on the derivative of its input '{differentiated[0]}', which a discrete-time model "
-            "holds in between. Put a lag on the input."
+            "holds between samples. Put a lag on the input."
         )
 
 

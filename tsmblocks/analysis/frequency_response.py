@@ -270,7 +270,7 @@ def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarr
     points = [f"{factor * a[i]:.3g} {label}".rstrip() + f" at {f[k]:.3g} Hz" for i, k in np.argwhere(where)]
     warnings.warn(
         f"the response of '{shown}' to {len(points)} of {where.size} sines never becomes periodic: {listed(points, 3)}"
-        ". It is NaN there. A limit cycle does that, and a signal that drifts; tsm.simulate shows which.",
+        ". It is NaN there. Causes are a limit cycle or a drifting signal; tsm.simulate shows which.",
         SettlingWarning,
         stacklevel=3,
     )

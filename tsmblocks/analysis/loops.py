@@ -29,12 +29,12 @@ CUT_INPUT, CUT_OUTPUT = "cut", "back"
 
 
 class OperatingPointWarning(UserWarning):
-    """A loop is linearised where a block on it stands at a limit, or where its gain is zero."""
+    """A loop is linearised where a block on it is at a limit, or where its gain is zero."""
 
 
 @attrs.frozen(eq=False)
 class OpenedLoop:
-    """The transfer of a loop opened at a wire, and the signals on it that no small change passes."""
+    """The transfer of a loop opened at a wire, and the signals on it that block small changes."""
 
     transfer: Any
     blocked: Mapping[str, float]
@@ -42,7 +42,7 @@ class OpenedLoop:
 
     @property
     def is_open(self) -> bool:
-        """Whether the linear loop says nothing of the loop at work."""
+        """Whether the linear loop is no model of the loop in operation."""
         system = self.transfer
         return bool(self.blocked) or not (np.any(system.B) or np.any(system.D))
 
@@ -80,7 +80,7 @@ def loop_gain(diagram: Diagram, at: str, *, point: Point | Run | None = None, pa
     Warns
     -----
     OperatingPointWarning
-        Where a block on the loop stands at a limit, so that the linear model says nothing of the loop at work.
+        Where a block on the loop is at a limit, so that the linear model does not describe the loop in operation.
 
     Examples
     --------
@@ -143,7 +143,7 @@ def margins(diagram: Diagram, at: str, *, point: Point | Run | None = None, pade
     Raises
     ------
     RunError
-        As for ``loop_gain``, and where a block on the loop stands at a limit, so that the loop is open there.
+        As for ``loop_gain``, and where a block on the loop is at a limit, so that the loop is open there.
 
     Examples
     --------
@@ -164,9 +164,9 @@ def _open_text(loop: OpenedLoop, at: str, point: Point | Run | None) -> str:
     """The message on a loop that is open at its operating point."""
     where = "at the initial states" if point is None else "at this point"
     why = [f"{name} ({value:g})" for name, value in loop.blocked.items()]
-    reason = f"no small change passes {listed(why, 3)}: a limit, or a dead zone" if why else "its gain is zero"
-    other = "Take another point: point=tsm.trim(…), or a run that ends where the loop is at work, point=run."
-    return f"at='{at}': the loop is open {where}; {reason}. Its margins there say nothing. {other}"
+    reason = f"{listed(why, 3)} blocks small changes: a limit, or a dead zone" if why else "its gain is zero"
+    other = "Use another point: point=tsm.trim(…), or a run that ends in normal operation of the loop, point=run."
+    return f"at='{at}': the loop is open {where}; {reason}. Its margins there are meaningless. {other}"
 
 
 def warn_of_open_loop(loop: OpenedLoop, at: str, point: Point | Run | None) -> None:
@@ -175,7 +175,7 @@ def warn_of_open_loop(loop: OpenedLoop, at: str, point: Point | Run | None) -> N
 
 
 def opened_loop(diagram: Diagram, at: str, *, point: Point | Run | None = None, pade: int | None = None) -> OpenedLoop:
-    """The transfer of a loop, with what blocks it. Raises RunError."""
+    """The transfer of a loop, with the signals that block it. Raises RunError."""
     diagram = as_diagram(diagram)
     cut, links = without_rounding(opened(diagram, at)), _links(diagram, at)
     if not _is_loop(diagram, links):
@@ -320,7 +320,7 @@ def _links(diagram: Diagram, at: str) -> list[Link]:
         if missing:
             raise RunError(f"at='{at}': there is no wire '{missing[0]}'.{near(missing[0], map(str, diagram.links))}")
         if faults or len({link.source for link in links}) != 1:
-            raise RunError(f"at='{at}': {faults[0] if faults else 'one wire is wanted.'}")
+            raise RunError(f"at='{at}': {faults[0] if faults else 'one wire is expected.'}")
         return [link for link in diagram.links if link in links]
     try:
         source = resolve(at, diagram.blocks, "output")

@@ -197,7 +197,7 @@ def _at_rest(here: LocalEquations, x: Any, u: Any, p: Any) -> list[Any]:
     for _ in range(len(eq.q).bit_length()):  # a delayed signal may be made of others: each pass doubles their number
         s = ca.substitute(s, w, s)
     if ca.depends_on(s, w):
-        raise RunError(f"'{eq.title}' has a loop through delays alone, whose equilibrium is not determined.")
+        raise RunError(f"'{eq.title}' has a loop that consists only of delays, whose equilibrium is not determined.")
     return evaluated(eq, *given, s, still)[:2]
 
 
@@ -275,7 +275,7 @@ def trim(
     search = found_root(conditions, unknowns.guess(start or {}), len(names))
     if not search.found:
         off = f"{names[search.worst]} is {search.error:.3g} off"
-        advice = "No input is free to bring it there: leave one out of inputs, or free a parameter (free=[…])."
+        advice = "No input is free to reach it: leave one out of inputs, or free a parameter (free=[…])."
         if inputs_free or free or not (wanted or at):
             advice = _where_to_start([name for name, k in zip(unknowns.values, search.idle, strict=True) if k])
         raise RunError(f"'{diagram.title}' has no equilibrium here: {off}. {advice}")
@@ -287,7 +287,7 @@ def trim(
 
 
 def _where_to_start(idle: list[str]) -> str:
-    """What to do where a search fails at whose start some unknowns have no effect."""
+    """Advice where a search fails and some unknowns have no effect at its start."""
     if not idle:
         return "Start elsewhere (start={…}), or choose an instant when no source drives it (t=…)."
     has, it = ("has", "it") if len(idle) == 1 else ("have", "they")
@@ -332,7 +332,7 @@ def _unknowns(
             raise RunError(f"at: '{eq.title}' has no state '{name}'.{near(name, eq.x)}")
     for name in parameters:
         if name in eq.x:
-            raise RunError(f"free: '{name}' is a state, which is found anyway; parameters are freed.")
+            raise RunError(f"free: '{name}' is a state, which is determined anyway; only parameters can be freed.")
         if name not in eq.p:
             raise RunError(f"free: '{eq.title}' has no parameter '{name}'.{near(name, eq.p)}")
     values = {name: as_number(f"at: '{name}'", value, DataError) for name, value in held.items()}

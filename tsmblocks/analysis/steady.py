@@ -1,4 +1,4 @@
-"""Diagrams in the place of others that have no linear model: without rounding, and with switched parts as they are."""
+"""Equivalent diagrams that have a linear model: without rounding, and with switched parts as they are."""
 
 from __future__ import annotations
 

@@ -21,7 +21,10 @@ def _numbered_inputs(about: str, unit: str = "") -> Any:
 
 @block
 class Gain(Block):
-    r"""Gain: a signal times a constant. .. math:: y = K u"""
+    r"""Gain: a signal times a constant.
+
+    .. math:: y = K u
+    """
 
     source = "definition"
     symbol = "K"
@@ -74,7 +77,10 @@ class Sum(Block):
 
 @block
 class Product(Block):
-    r"""Product of signals. .. math:: y = u_1 u_2 \cdots u_n"""
+    r"""Product of signals.
+
+    .. math:: y = u_1 u_2 \cdots u_n
+    """
 
     source = "definition"
     symbol = "×"
@@ -112,7 +118,10 @@ class Divide(Block):
 
 @block
 class Abs(Block):
-    r"""Magnitude of a signal. .. math:: y = |u|"""
+    r"""Magnitude of a signal.
+
+    .. math:: y = |u|
+    """
 
     source = "definition"
     symbol = "|u|"
@@ -126,7 +135,10 @@ class Abs(Block):
 
 @block
 class Sign(Block):
-    r"""Direction of a signal: 1, -1, or 0 at zero. .. math:: y = \operatorname{sgn} u"""
+    r"""Direction of a signal: 1, -1, or 0 at zero.
+
+    .. math:: y = \operatorname{sgn} u
+    """
 
     source = "definition"
     symbol = "sgn"
@@ -140,7 +152,10 @@ class Sign(Block):
 
 @block
 class Square(Block):
-    r"""Square of a signal. .. math:: y = u^2"""
+    r"""Square of a signal.
+
+    .. math:: y = u^2
+    """
 
     source = "definition"
     symbol = "u²"
@@ -177,7 +192,10 @@ class Power(Block):
 
 @block
 class Tanh(Block):
-    r"""Hyperbolic tangent, a smooth change from -1 to 1. .. math:: y = \tanh u"""
+    r"""Hyperbolic tangent, a smooth change from -1 to 1.
+
+    .. math:: y = \tanh u
+    """
 
     source = "Paper, eqs (9) and (13): the smooth change between two slopes"
     symbol = "tanh"
@@ -191,7 +209,10 @@ class Tanh(Block):
 
 @block
 class Convert(Block):
-    r"""The same quantity in another unit. .. math:: y = c\, u"""
+    r"""The same quantity in another unit.
+
+    .. math:: y = c\, u
+    """
 
     source = "definition"
     symbol = "unit"
@@ -214,7 +235,10 @@ class Convert(Block):
 
 @block
 class Minimum(Block):
-    r"""The smallest of several signals. .. math:: y = \min(u_1, \dots, u_n)"""
+    r"""The smallest of several signals.
+
+    .. math:: y = \min(u_1, \dots, u_n)
+    """
 
     source = "definition"
     symbol = "min"
@@ -230,7 +254,10 @@ class Minimum(Block):
 
 @block
 class Maximum(Block):
-    r"""The largest of several signals. .. math:: y = \max(u_1, \dots, u_n)"""
+    r"""The largest of several signals.
+
+    .. math:: y = \max(u_1, \dots, u_n)
+    """
 
     source = "definition"
     symbol = "max"

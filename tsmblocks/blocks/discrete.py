@@ -41,7 +41,10 @@ class ZeroOrderHold(Block):
 
 @block
 class UnitDelay(Block):
-    r"""Delay by one sample. .. math:: y_k = u_{k-1}"""
+    r"""Delay by one sample.
+
+    .. math:: y_k = u_{k-1}
+    """
 
     source = "definition"
     symbol = "1/z"
@@ -225,7 +228,10 @@ class DiscreteIntegrator(Block):
 
 @block
 class MovingAverage(Block):
-    r"""Moving average: the mean of the last samples. .. math:: y_k = \frac1n \sum_{i=0}^{n-1} u_{k-i}"""
+    r"""Moving average: the mean of the last samples.
+
+    .. math:: y_k = \frac1n \sum_{i=0}^{n-1} u_{k-i}
+    """
 
     source = "definition"
     symbol = "mean"

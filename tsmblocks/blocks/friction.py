@@ -25,7 +25,10 @@ def _stribeck_level(block: Any, v: Any) -> Any:
 
 @block
 class CoulombFriction(Block):
-    r"""Coulomb friction: dry friction of constant level. .. math:: y = F_c \tanh(v / v_0)"""
+    r"""Coulomb friction: dry friction of constant level.
+
+    .. math:: y = F_c \tanh(v / v_0)
+    """
 
     source = "Olsson and others, Friction models and friction compensation, Eur. J. Control 4 (1998) 176"
     symbol = "Coulomb"
@@ -73,7 +76,10 @@ class AsymmetricFriction(Block):
 
 @block
 class ViscousFriction(Block):
-    r"""Viscous friction: a force proportional to the velocity. .. math:: y = b v"""
+    r"""Viscous friction: a force proportional to the velocity.
+
+    .. math:: y = b v
+    """
 
     source = "definition"
     symbol = "b v"
@@ -89,7 +95,10 @@ class ViscousFriction(Block):
 
 @block
 class QuadraticDrag(Block):
-    r"""Drag that grows with the square of the velocity and opposes it. .. math:: y = c |v| v"""
+    r"""Drag that grows with the square of the velocity and opposes it.
+
+    .. math:: y = c |v| v
+    """
 
     source = "definition"
     symbol = "c|v|v"

@@ -134,8 +134,7 @@ def _is_default(value: Any) -> bool:
 
 
 def _check_names(name: str, names: list[str], units: Mapping[str, str], about: Mapping[str, str]) -> None:
-    """Raise BlockError for a name that is taken or used twice, a unit or meaning of an unknown name, an unknown
-    unit."""
+    """Raise BlockError for a name that is taken or repeated, a unit or meaning of an unknown name, an unknown unit."""
     for key in names:
         if not key.isidentifier() or key.startswith("_") or hasattr(Block, key) or key in ("function", "t"):
             raise BlockError(f"{name}: '{key}' cannot name an input, a parameter or an output. Choose another name.")

@@ -85,7 +85,10 @@ def _log_rounding(away: Any, softness: Any) -> Any:
 
 @block
 class DeadZone(Block):
-    r"""Dead zone: no output until the input leaves the zone. .. math:: y = \max(u - h, 0) + \min(u - l, 0)"""
+    r"""Dead zone: no output until the input leaves the zone.
+
+    .. math:: y = \max(u - h, 0) + \min(u - l, 0)
+    """
 
     source = "definition"
     symbol = "dead zone"

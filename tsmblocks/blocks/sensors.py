@@ -65,7 +65,10 @@ class SensorNoise(Block):
 
 @block
 class Bias(Block):
-    r"""A constant error of a sensor. .. math:: y = u + b"""
+    r"""A constant error of a sensor.
+
+    .. math:: y = u + b
+    """
 
     source = "definition"
     symbol = "+ b"

@@ -37,7 +37,10 @@ def white_noise(seed: int, interval: float, start: float, stop: float, name: str
 
 @block
 class Constant(Block):
-    r"""Constant: the same value at all times. .. math:: y = c"""
+    r"""Constant: the same value at all times.
+
+    .. math:: y = c
+    """
 
     source = "definition"
     symbol = "c"
@@ -74,7 +77,10 @@ class Step(Block):
 
 @block
 class Ramp(Block):
-    r"""Ramp: a value that changes at a constant rate from an instant on. .. math:: y = y_0 + k \max(t - t_0, 0)"""
+    r"""Ramp: a value that changes at a constant rate from an instant on.
+
+    .. math:: y = y_0 + k \max(t - t_0, 0)
+    """
 
     source = "definition"
     symbol = "ramp"
@@ -92,7 +98,10 @@ class Ramp(Block):
 
 @block
 class Sine(Block):
-    r"""A sine around an offset. .. math:: y = y_0 + a \sin(2 \pi f t + \varphi)"""
+    r"""A sine around an offset.
+
+    .. math:: y = y_0 + a \sin(2 \pi f t + \varphi)
+    """
 
     source = "Paper, Figs 13 and 17: 55 degrees at 0.2 Hz"
     symbol = "sin"
@@ -111,7 +120,10 @@ class Sine(Block):
 
 @block
 class MultiSine(Block):
-    r"""A sum of sines. .. math:: y = \sum_k a_k \sin(2 \pi f_k t + \varphi_k)"""
+    r"""A sum of sines.
+
+    .. math:: y = \sum_k a_k \sin(2 \pi f_k t + \varphi_k)
+    """
 
     source = "Paper, Fig. 14: 28 degrees at 0.2 Hz and 28 degrees at 0.5 Hz"
     symbol = "Σ sin"

@@ -109,7 +109,7 @@ def _closure(evaluator: Evaluator, first: int) -> Closure:
     for path in made.singular:
         text = (
             f"{' -> '.join(path)} passes its own value on unchanged (its loop gain is 1), so it has no solution, or "
-            "any. Check the signs of its sums, or break it with a block that has a state."
+            "infinitely many. Check the signs of its sums, or break it with a block that has a state."
         )
         raise AlgebraicLoop(evaluator.flat.title, [text], evaluator.flat.where, path)
     return made

@@ -121,13 +121,13 @@ def _failure_reason(block: Any, error: Exception, x: Any, u: Any) -> tuple[str, 
     text = " ".join(str(error).split()).rstrip(".")
     if any(sign in text for sign in ("truth value", "__bool__", "Only scalars")):
         return (
-            "branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and "
-            "where Python has if, min, max or and.",
+            "branches on a signal, which has no value yet. Use ca.if_else, ca.fmin, ca.fmax or ca.logic_and instead "
+            "of Python's if, min, max or and.",
             True,
         )
     name = str(getattr(error, "name", ""))
     if isinstance(error, Unchanging):
-        return f"sets self.{name}, and a block does not change: what it remembers is a state.", True
+        return f"sets self.{name}, and a block does not change: declare a state for a value that it remembers.", True
     of: Any = getattr(error, "obj", None)  # what an AttributeError is about
     for owner, what in ((x, "state"), (u, "input")):
         if of is owner:
@@ -194,7 +194,7 @@ def _check_ports(block: Block) -> None:
             chain.append(rates[chain[-1]])
         if chain[-1] in rates:
             ring = " of ".join([*chain, rates[chain[-1]]])
-            raise EquationError(f"{owner}.{name} is in the end its own rate: {ring}.")
+            raise EquationError(f"{owner}.{name} is its own rate: {ring}.")
     for name, past in block.past_ports.items():
         need(name, "is the past of", past.of, inports, "no input")
         for number in (past.by, past.initial):
@@ -207,7 +207,7 @@ def _check_names(block: Block) -> None:
     owner, names = type(block).__name__, Counter([*block.read_names, *block.outports, *block.states])
     twice = next((k for k, count in names.items() if count > 1), None)
     if twice is not None:
-        raise EquationError(f"{owner}.{twice} is two things at once (a port, a state); give one of them another name.")
+        raise EquationError(f"{owner}.{twice} is used twice (as a port and a state); give one of them another name.")
     for name, state in block.states.items():
         if not isinstance(state.start, float) and not is_reference(state.start):
             raise EquationError(f"{owner}.{name} must start at a number, got {in_words(state.start)}.")

@@ -355,8 +355,8 @@ class Evaluator:
         ring = " -> ".join(path)
         if any(node[0] == "rate" for node in nodes):
             return (
-                f"{ring} needs its own value at the same instant: a derivative takes away the state it is "
-                "wired to. Put a FilteredDerivative in the place of the exact one."
+                f"{ring} needs its own value at the same instant: a derivative removes the state that it "
+                "differentiates. Replace it by a FilteredDerivative."
             )
         states = "a block that has a state (a lag, an integrator)"
         if any(node[0] == "y" and node[1] in self.flat.group for node in nodes):
@@ -367,7 +367,7 @@ class Evaluator:
         return f"{ring} has no state in it, so its value at {at} depends on itself. Break it with {remedy}"
 
     def _zero_coefficient_hint(self, nodes: list[Node]) -> str:
-        """A sentence on the blocks of a loop that pass nothing on since a coefficient is 0; ``""`` without any."""
+        """A sentence on blocks of a loop without direct feedthrough, a coefficient being 0; ``""`` without any."""
         flat, idle = self.flat, list[str]()
         numbers = ca.vertcat(*flat.p.values()), ca.DM(flat.p_values)
         for (kind, path, port), read in itertools.pairwise(node for node in nodes if node[0] != "rate"):
@@ -377,5 +377,8 @@ class Evaluator:
                 made = self._call(path, "outputs", symbols)[port]
                 if not ca.depends_on(ca.substitute(made, *numbers), ca.vertcat(*around)):
                     idle.append(path)
-        what = "would pass nothing on, a number being 0; a leading 0 of num, or a D of zeros, counts as a path"
+        what = (
+            "would have no direct feedthrough, since a coefficient is 0; a leading 0 of num, or a D of zeros, counts "
+            "as a path"
+        )
         return f" Now {' and '.join(idle)} {what} until it is left out." if idle else ""

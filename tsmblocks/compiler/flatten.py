@@ -110,7 +110,9 @@ class FlatDiagram:
         found = {name: block for name, block in diagram.blocks.items() if getattr(block, "switches", "")}
         if len(found) > 1:
             names = " and ".join(prefix + name for name in found)
-            fault = f"{names} both switch their diagram. Leave one, driven by a Logic block that joins the conditions."
+            fault = (
+                f"{names} both switch their diagram. Keep one, driven by a Logic block that combines the conditions."
+            )
             raise DiagramError(self.title, [fault], self.where)
         return next((Switch(prefix + name, block) for name, block in found.items()), None)
 
@@ -138,7 +140,9 @@ class FlatDiagram:
             if node in seen:
                 back = [*seen[seen.index(node) :], node]  # against the flow
                 names = [f"{path}.{port}" for _, path, port in reversed(back)]
-                text = f"{' -> '.join(names)} joins diagrams in a ring that holds no block, so the signal has no value."
+                text = (
+                    f"{' -> '.join(names)} connects diagrams in a ring without any block, so the signal has no value."
+                )
                 raise AlgebraicLoop(self.title, [text], self.where, names)
             seen.append(node)
             node = self._wires[node]

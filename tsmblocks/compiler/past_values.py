@@ -45,7 +45,7 @@ def interpolated_past(kept: list[Any], t: Any, delay: Any, first: Any, now: Any 
 
 
 def held_past(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
-    """As ``interpolated_past``, for a signal that is constant within steps: its jumps stay jumps."""
+    """As ``interpolated_past``, for a signal that is constant within steps: its jumps are kept."""
     y0, y1, y2, y3, newest, per_second, count = kept
     back = ca.floor((t - delay - newest) * per_second + _rounding(t, per_second))
     value = ca.if_else(back >= 0, y3, ca.if_else(back >= -1, y2, ca.if_else(back >= -2, y1, y0)))

@@ -1,7 +1,7 @@
 """Diagrams that are switched on and off: what an ``Enable`` or a ``Trigger`` in a diagram does to the blocks beside it.
 
-While the diagram is off, its states stand still and its memory is kept. Its outputs pass a block of their own, which
-keeps their last value, or gives them another.
+While the diagram is off, its states and memory are held. Each of its outputs passes an added block, which holds the
+last value, or gives another one.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ HOLD, RESET = "hold", "reset"
 
 @attrs.frozen
 class Switch:
-    """A block that switches the diagram it stands in: its path, and the block itself, as given."""
+    """A block that switches the diagram that contains it: its path, and the block itself, as given."""
 
     path: str
     block: Any
@@ -38,7 +38,7 @@ class Switch:
 
     @property
     def triggers(self) -> bool:
-        """Whether it acts at instants alone."""
+        """Whether it acts only at instants."""
         return self.block.switches == "trigger"
 
     @property
@@ -58,7 +58,7 @@ class SwitchedOutput(Block):
     symbol = "hold"
 
     while_off: str = option(default=HOLD, about="value while off", choices=(HOLD, RESET))
-    instants: bool = option(default=False, about="whether it is on at instants alone")
+    instants: bool = option(default=False, about="whether it is on only at instants")
     initial: float = parameter(default=0.0, about="value before it was first on", unit="?u")
     u = Input("the signal inside", unit="?u")
     on = Input("1 while on")
@@ -81,7 +81,7 @@ class SwitchedOutput(Block):
             return dict(y=ca.if_else(u.on, u.u, self.initial))
         if self.instants:
             return dict(y=x.held)
-        # It ends where a step begins: the states stand still from within a step, and their last value is kept there.
+        # It ends where a step begins: the states are held from within a step, and their last value is kept there.
         return dict(y=ca.if_else(ca.logic_or(u.on, x.was), u.u, x.held))
 
 
@@ -94,17 +94,17 @@ def switched_output(switch: Switch, made: Any, number: int) -> tuple[Block, Any]
 
 
 def faults(switches: tuple[Switch, ...], path: str, block: Block, continuous: tuple[str, ...]) -> list[str]:
-    """What keeps a block from being switched on and off by these."""
+    """The message for a block that cannot be switched on and off by these."""
     found = []
     if block.past_ports and switches:
         found.append(
-            f"{path} ({type(block).__name__}) reads past values, which go on while {switches[-1].path} is off. "
-            "Put it outside of this diagram."
+            f"{path} ({type(block).__name__}) reads past values, which continue while {switches[-1].path} is off. Put "
+            "it outside of this diagram."
         )
     trigger = next((one.path for one in switches if one.triggers), "")
     if trigger and continuous:
         found.append(
-            f"{path} ({type(block).__name__}) has a continuous state ({', '.join(continuous)}), which cannot move at "
-            f"the instants of {trigger} alone. Take a sampled block, or an Enable in the place of the Trigger."
+            f"{path} ({type(block).__name__}) has a continuous state ({', '.join(continuous)}), which cannot change "
+            f"only at the instants of {trigger}. Use a sampled block, or an Enable instead of the Trigger."
         )
     return found

@@ -77,7 +77,7 @@ def held_at_rest(x: np.ndarray, step: float, noise: float) -> tuple[np.ndarray, 
     """Return the signal (n,) with its rests held at their means, and the share of samples at rest.
 
     ``step`` [s] is the time between samples, ``noise`` the rms value of the noise. Hysteresis and friction integrate
-    the path of their input, so noise at rest would move what has come to rest.
+    the path of their input, so noise at rest would move a model that is at rest.
     """
     resting = (
         rests(x, noise, max(round(MIN_REST_TIME / step), MIN_REST_SAMPLES), round(SLOW_NOISE_TIME / step))

@@ -119,7 +119,7 @@ def _in_group(origin: str, found: Mapping[str, Any], group: str | None) -> Mappi
 def _numpy_arrays(path: Path, kind: str) -> dict[str, Any]:
     """The arrays that NumPy reads from a file, a single one under the file's name; raises DataError."""
     try:
-        with path.open("rb") as file:  # of a path, NumPy leaves the file open where it is damaged
+        with path.open("rb") as file:  # given a path, NumPy leaves a damaged file open
             _refuse_large_numpy(path, file)
             held = np.load(file, allow_pickle=False)
             return {path.stem: held} if isinstance(held, np.ndarray) else dict(held)
@@ -130,7 +130,7 @@ def _numpy_arrays(path: Path, kind: str) -> dict[str, Any]:
 
 
 def _refuse_large_numpy(path: Path, file: Any) -> None:
-    """Measure what a file would take: an archive says it of each array, of which no more is unpacked."""
+    """Check the memory that a file would take: an archive states the size of each array, and no more is unpacked."""
     if zipfile.is_zipfile(file):
         file.seek(0)
         with zipfile.ZipFile(file) as archive:

@@ -1,4 +1,4 @@
-"""Fast noise: what changes from sample to sample."""
+"""Fast noise: noise that changes from sample to sample."""
 
 from __future__ import annotations
 
@@ -42,10 +42,11 @@ def sample_to_sample_noise(t: np.ndarray, x: np.ndarray, side: int = 2) -> Estim
 
 
 def fast_level(t: np.ndarray, x: np.ndarray) -> Level:
-    """What changes from sample to sample; what a smoother curve leaves in the quieter parts is the least it can be.
+    """The noise that changes from sample to sample; the residual of a smoother curve in the quieter parts is a lower
+    bound.
 
-    Noise is everywhere, and motion that no curve follows here and there. The values overlap, so that a third of them
-    count as independent.
+    Noise is present everywhere, but only some parts of a motion are not followed by a curve. The values overlap, so
+    that a third of them count as independent.
     """
     from scipy.special import chdtri
 

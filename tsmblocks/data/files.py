@@ -61,7 +61,7 @@ class ReadOptions:
 
     @property
     def named(self) -> frozenset[str]:
-        """Names that the arguments mention: what is wrong with these is a fault."""
+        """Names that the arguments mention: a problem with these is a fault."""
         return frozenset([*self.renamed, *self.units, *(self.only or ()), *self.also])
 
 
@@ -91,7 +91,7 @@ def read(
         The file.
     columns : sequence of str, str or None, default None
         Names of the columns in order, as a list or with commas (``"t, x_in [deg]"``; those with an empty name, or after
-        the last one, are left out), for a file without a header, or in place of its header.
+        the last one, are left out), for a file without a header, or instead of its header.
     map : mapping of str to str, default None
         Other names for columns, with a unit where the file gives none: ``{"x_in [deg]": "motor angle"}``, the time as
         ``"t"``. The end of a path such as ``Model Root/angle/Out1`` suffices.
@@ -132,8 +132,8 @@ def read(
     """
     if not isinstance(path, str | os.PathLike):
         raise DataError(
-            f"read takes the path of a file, got {in_words(path)}. Of a frame tsm.from_pandas makes a "
-            "recording, of arrays tsm.Record(name, t, signals, units)."
+            f"read takes the path of a file, got {in_words(path)}. tsm.from_pandas makes a recording from a frame, "
+            "tsm.Record(name, t, signals, units) from arrays."
         )
     path = Path(path)
     columns = columns.split(",") if isinstance(columns, str) else columns
@@ -250,7 +250,7 @@ def _record(source: Source, name: str, options: ReadOptions) -> Record:
 
 
 def _left_out(names: Sequence[str]) -> Iterator[str]:
-    """A sentence on columns of text, which nothing but a wish for all columns asked for."""
+    """A sentence on columns of text, which were not requested by name."""
     for name in names:
         yield f"{name} holds text and no number, and was left out."
 
@@ -273,7 +273,7 @@ def _column_notes(
 
 
 def _time_notes(source: Source, options: ReadOptions, table: Table) -> Iterator[str]:
-    """What to mind of the time: a column of it that was not read, and a unit that is probably not s."""
+    """Cautions on the time: a time column that was not read, and a unit that is probably not s."""
     if options.step is not None:
         found = [text for text in source.headings if split_heading(text)[0].lower() in TIME_NAMES]
         if found:

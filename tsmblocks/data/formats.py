@@ -30,7 +30,7 @@ UNREAD = {
     ".pkl": "a Python pickle, which may run any code",
     ".pickle": "a Python pickle, which may run any code",
 }
-"""Formats that are refused, by ending: read as text, each of them would give a fault that does not help."""
+"""Formats that are refused, by ending: read as text, each of them would give a misleading fault."""
 JSON_BYTES = 20
 """Bytes of memory for one of a JSON file. Derived: a list takes 56 bytes and its place in another 8, of "[],"."""
 XML_BYTES = 3
@@ -285,7 +285,7 @@ def _channel_groups(path: Path, reader: Any) -> tuple[list[list[Channel]], list[
 
 @contextmanager
 def _failing_deletions_ignored() -> Iterator[None]:
-    """Show no traceback of an object that fails when it is deleted, as asammdf leaves them of damaged files."""
+    """Show no traceback of an object that fails when it is deleted, as asammdf leaves for damaged files."""
     shown, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         yield

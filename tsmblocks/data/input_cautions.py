@@ -1,4 +1,4 @@
-"""What to mind of signals that drive a model: noise and quantisation that lengthen their path or roughen their rate."""
+"""Cautions on signals that drive a model: noise and quantisation that lengthen their path or disturb their rate."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ then wrong by as much."""
 
 
 def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple[str, ...]:
-    """Say what to mind before signals drive a model with memory.
+    """Return cautions on signals that drive a model with memory.
 
     Hysteresis and friction integrate the path of their input. Noise and quantisation lengthen it without any motion,
     and so imitate an effect; the length is compared with that of the signal filtered with zero phase. Quantisation that
@@ -66,7 +66,7 @@ def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple
 
 
 def _long_path(record: Record, name: str) -> str:
-    """What to mind where noise or steps lengthen the path of a signal."""
+    """The caution where noise or steps lengthen the path of a signal."""
     x = record[name]
     cutoff = choose_cutoff(x, record.step) if len(x) >= MIN_FILTERED_SAMPLES else None
     if cutoff is None:
@@ -84,7 +84,7 @@ def _long_path(record: Record, name: str) -> str:
 
 
 def _rough_rate(record: Record, name: str) -> str:
-    """What to mind where steps leave the path of a signal as long as it is, but make its rate jump."""
+    """The caution where steps do not lengthen the path of a signal, but make its rate jump."""
     x = record[name]
     quantum = quantum_of(x)
     if quantum is None or len(x) <= 2 * RATE_SPAN:

@@ -20,7 +20,8 @@ mechanisms of the paper make."""
 
 
 def assumed_units(record: Record, wanted: Mapping[str, str]) -> list[str]:
-    """Say which signals have no unit and what they are taken to be in; ``wanted`` gives that by name, ``""`` for none.
+    """Name signals without a unit and the unit that is assumed for them; ``wanted`` gives that by name, ``""`` for
+    none.
 
     One sentence for each unit.
     """
@@ -34,7 +35,7 @@ def assumed_units(record: Record, wanted: Mapping[str, str]) -> list[str]:
 
 
 def as_argument(names: Sequence[str]) -> str:
-    """Say how signals of these names are given a unit in Python."""
+    """How signals of these names are given a unit in Python."""
     entries = ", ".join(f"'{name}': 'deg'" for name in names)
     return f"units={{{entries}}}, or 'rad'"
 
@@ -69,7 +70,7 @@ def map_argument(title: str, column: str = "COLUMN") -> str:
 
 
 def how_to_map(name: str, *, bare: bool) -> str:
-    """Say how a column of another name is mapped: with its unit, where columns are ``bare`` of theirs."""
+    """How a column of another name is mapped: with its unit, where columns are ``bare`` (have none)."""
     return map_argument(f"{name} [deg]" if bare else name)
 
 

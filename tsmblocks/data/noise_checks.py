@@ -1,4 +1,4 @@
-"""Motion told from noise in what a method took for noise: transients, and paths that are too smooth."""
+"""Motion distinguished from noise in the data of a method: transients, and paths that are too smooth."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from tsmblocks.data.record import Record
 from tsmblocks.data.slow_noise import Level, level
 
 TRUST = ("repeats", "repeated periods", "stand-still", HIGH_FREQUENCIES)
-"""Methods, the one with most to go by first."""
+"""Methods, the most reliable first."""
 MIN_NOISE_SAMPLES = 8
 """Samples below which no noise is estimated. Chosen: the cubic of ``sample_to_sample_noise`` spans 5."""
 
@@ -44,7 +44,8 @@ class Noise:
     samples : int
         Samples that went into the floor.
     freedom : int
-        Degrees of freedom of the floor: independent values that would tell as much. Slow noise has fewer than samples.
+        Degrees of freedom of the floor: independent values with the same information. Slow noise has fewer than
+        samples.
     low, high : float, default 0 and inf
         95 % interval of the floor. It allows for autocorrelation, for bursts and for what the method cannot see: above
         a floor from ``"high frequencies"`` there is no bound.
@@ -55,7 +56,7 @@ class Noise:
     slow_time : float or None, default None
         Correlation time of the slow noise [s].
     doubt : str, default ""
-        What speaks against the floor, or why an estimate with more to go by was not taken; empty where nothing does.
+        Doubts about the floor, or why a more reliable estimate was not used; empty where there is no doubt.
     """
 
     name: str
@@ -148,7 +149,7 @@ def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[
 def noise_over_recordings(records: Mapping[str, Record], name: str, unit: str, inputs: Iterable[str]) -> Noise:
     """The noise of a signal, in ``unit``, from all recordings together; recordings that repeat another are found.
 
-    The method with most to go by is taken, from every recording that has it. ``inputs`` drive the experiments; those
+    The most reliable method is used, from every recording that has it. ``inputs`` drive the experiments; those
     that a recording lacks are left out. Raises DataError as noise does.
     """
     driving = [k for k in inputs if all(k in r for r in records.values())]

@@ -1,4 +1,4 @@
-"""What shows the noise of a signal: differences between repeats or periods, and rests of the inputs."""
+"""Data that show the noise of a signal: differences between repeats or periods, and rests of the inputs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Chosen."""
 
 @attrs.frozen(eq=False)
 class Found:
-    """What one method leaves of a signal; ``span`` is the length of the recording [s].
+    """The noise that one method extracts from a signal; ``span`` is the length of the recording [s].
 
     Each sample of the stretches comes from ``records`` samples that were compared.
 
@@ -56,7 +56,7 @@ class Found:
 
 
 def measured(record: Record, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times and values of a signal, without samples that were interpolated: there is no noise of their own in them."""
+    """Times and values of a signal, without samples that were interpolated, which have no noise."""
     there = _there(record, name)
     return record.t[there], record[name][there]
 
@@ -97,15 +97,15 @@ def _fast(record: Record, name: str) -> float:
 
 
 def _judged(found: Found, fast: float) -> Found | None:
-    """What was found, less a transient; with a doubt where it is no noise, None where there is too little of it."""
+    """The noise found, less a transient; with a doubt where it is no noise, None where there is too little of it."""
     first, still = settled(found.stretches, fast)
     kept = attrs.evolve(found, stretches=tuple(s.cut(first) for s in found.stretches))
     if kept.samples < MIN_FREEDOM:
         return None
     if not still:
-        return attrs.evolve(kept, doubt=f"what is taken for noise does not settle ({_size(kept)})")
+        return attrs.evolve(kept, doubt=f"the noise found does not settle ({_size(kept)})")
     if smooth(kept.stretches, fast):
-        return attrs.evolve(kept, doubt=f"what is taken for noise has a smooth path, as motion has ({_size(kept)})")
+        return attrs.evolve(kept, doubt=f"the noise found has a smooth path, as motion has ({_size(kept)})")
     return kept
 
 
@@ -177,7 +177,7 @@ def _differences(
 
 
 def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
-    """What moves while the inputs rest."""
+    """The signal while the inputs rest."""
     others = [k for k in drives if k != name]  # rests of the signal itself would be selected for being quiet
     if not others:
         return None
@@ -214,7 +214,7 @@ def _follows(record: Record, drive: str, name: str, rests: list[tuple[int, int]]
 
 
 def _resting(x: np.ndarray) -> np.ndarray:
-    """Which samples lie in a rest: ``MIN_STILL_SAMPLES`` samples over which the signal does not leave its own noise.
+    """Which samples lie in a rest: ``MIN_STILL_SAMPLES`` samples over which the signal stays within its noise.
 
     Moving means are compared, whose noise is less, so that a slow turn is no rest.
     """

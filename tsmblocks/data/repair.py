@@ -42,7 +42,7 @@ white noise."""
 
 
 def refuse_few_samples(table: Table) -> Table:
-    """A handful of samples is no measurement."""
+    """Raise DataError for too few samples."""
     if len(table.values) < MIN_RECORD_SAMPLES:
         count = plural(len(table.values), "sample")
         raise DataError(f"{table.origin}: only {count} found; {MIN_RECORD_SAMPLES} are the least.")

@@ -23,7 +23,7 @@ NOTABLE_DIFFERENCE = 5.0
 
 
 def refuse_missing_times(table: Table) -> Table:
-    """Every row must have a time."""
+    """Raise DataError for a row without a time."""
     missing = np.flatnonzero(np.isnan(table.values[:, 0]))
     if len(missing):
         place, count = f"row {table.rows[missing[0]]}", plural(len(missing), "such row")
@@ -32,7 +32,7 @@ def refuse_missing_times(table: Table) -> Table:
 
 
 def refuse_constant_time(table: Table) -> Table:
-    """Time that never changes is a wrong column."""
+    """Raise DataError for a time that never changes: it is a wrong column."""
     t = table.values[:, 0]
     if len(t) > 1 and t.min() == t.max():
         raise DataError(
@@ -74,7 +74,7 @@ def sort_late_rows(table: Table) -> Table:
 
 
 def end_at_jump_back(table: Table) -> Table:
-    """Time that jumps back separates two recordings (or a tail the logger left): they are read one by one.
+    """A time that jumps back separates two recordings (or a remainder of the logger): they are read one by one.
 
     With ``tail = "drop"`` what comes after the jump is left out.
     """
@@ -156,7 +156,7 @@ def _largest_difference(table: Table, again: np.ndarray, off: np.ndarray, mean: 
 def note_missing_samples(table: Table) -> Table:
     """Places without samples: short ones are noted, long ones refused unless ``gaps = "keep"``.
 
-    Across a long one the inputs are not known, so a run over it would be wrong unnoticed.
+    Across a long one the inputs are not known, so a run over it would be wrong without notice.
     """
     t, rows = table.values[:, 0], table.rows
     steps, usual = np.diff(t), usual_step(t)

@@ -1,10 +1,10 @@
 """White and slow noise separated in stretches of noise, and the rms of both with its 95 % interval.
 
-A stretch is what a method leaves of a signal: differences between periods or repeats, or a rest. The noise is modelled
-as white noise beside first-order (Ornstein-Uhlenbeck) noise. The model is used for what the stretch cannot show, such
-as its own offset, and for how much the mean square may vary; the mean square itself is that of the data. All models on
-a grid count, weighted by the likelihood of the periodogram (Whittle; its expectation is exact for the length of the
-stretch: Sykulski and others, The debiased Whittle likelihood, Biometrika 106 (2019)).
+A stretch is the noise that a method extracts from a signal: differences between periods or repeats, or a rest. The
+noise is modelled as white noise beside first-order (Ornstein-Uhlenbeck) noise. The model is used for what the stretch
+cannot show, such as its own offset, and for how much the mean square may vary; the mean square itself is that of the
+data. All models on a grid count, weighted by the likelihood of the periodogram (Whittle; its expectation is exact for
+the length of the stretch: Sykulski and others, The debiased Whittle likelihood, Biometrika 106 (2019)).
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ def written(
 ) -> Path:
     """Write signals over the times ``t`` [s] to .csv, .npz or .mat; returns the path.
 
-    ``advice`` is what to do about a name that cannot be written. Raises DataError for another ending, a folder that is
+    ``advice`` is the remedy for a name that cannot be written. Raises DataError for another ending, a folder that is
     not there, two signals that would take one name there, and names that would not be read again as they are.
     """
     path = Path(path)

@@ -1,7 +1,7 @@
 """Machine code kept on disk from one process to the next, in a folder that this module makes and marks as its own.
 
 Loading machine code executes it. So an entry counts only where its digest holds, which is made with a secret key of
-this user over the name and the body of the entry: a folder that came with somebody else's files brings no code. Nothing
+this user over the name and the body of the entry: a folder that came with files of others cannot inject code. Nothing
 else in the folder is read, replaced or deleted. Where there is no folder of the user, there is no cache.
 """
 

@@ -16,7 +16,7 @@ SINGULAR = 1e-13
 SMALL = 3
 """Signals up to which a system is solved by its determinant; above, by a QR decomposition. Chosen: by operations."""
 TINY = 1e-200
-"""In the place of a pivot that is zero. Chosen: its square is still above the least number."""
+"""Replaces a pivot that is zero. Chosen: its square is still above the least number."""
 
 _LINEAR = {ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_MUL, ca.OP_DIV, ca.OP_TWICE, ca.OP_ASSIGN, ca.OP_IF_ELSE_ZERO}
 """Operations that are linear in an operand as long as their derivative does not depend on it."""
@@ -146,7 +146,7 @@ def determinant(jacobian: Any) -> Any:
 
 
 def guarded(jacobian: Any, values: Column) -> Column:
-    """NaN in the place of a solution where the Jacobian is singular."""
+    """NaN instead of a solution where the Jacobian is singular."""
     n = values.shape[0]
     if jacobian.is_constant():
         return values

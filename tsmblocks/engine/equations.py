@@ -1,4 +1,4 @@
-"""What the compiler hands to the engine: functions, names and numbers. No block and no diagram."""
+"""The interface between compiler and engine: functions, names and numbers. No block and no diagram."""
 
 from __future__ import annotations
 

@@ -80,8 +80,8 @@ def locating(s: Session, backend: str) -> Located:
     """The same session with switching instants located. Raises RunError for transport delays."""
     if s.eq.q:
         raise RunError(
-            f"diagram '{s.eq.title}': locate=True does not go with a transport delay ({s.eq.q[0]}), which "
-            "would bring kinks back at instants off the step. Leave out locate, or the delay."
+            f"diagram '{s.eq.title}': locate=True does not support a transport delay ({s.eq.q[0]}), which would repeat "
+            "kinks at instants off the step. Remove locate, or the delay."
         )
     frozen = freeze(s.eq, s.kernel.plan.method, s.kernel.plan.y, backend)
     return Located(s.eq, s.kernel, s.memory, s.signals, s.start, s.h, s.every, s.k, s.hits, frozen=frozen)
@@ -113,7 +113,7 @@ def _warn(title: str, slid: Event) -> None:
 
 
 class _Walk:
-    """Some steps of a run, on arrays of their own: all of them reach the session, or none."""
+    """Some steps of a run, on separate arrays: all of them reach the session, or none."""
 
     def __init__(self, session: Located, frozen: Frozen, n: int, final: bool) -> None:
         self.s, self.f = session, frozen
@@ -132,7 +132,7 @@ class _Walk:
         self.now = slice(c, c + len(frozen.names))
 
     def memory(self) -> Memory:
-        """The present state, in arrays of its own."""
+        """The present state, in separate arrays."""
         old = self.s.memory
         return Memory(self.x.copy(), self.d.copy(), old.p, old.ring, old.mask, old.loops)
 

@@ -45,8 +45,8 @@ def step_map(rhs: Any, method: Method, names: tuple[str, ...], first: int) -> St
     """A step of a right-hand side. ``first`` is the number of its first loop."""
     if Program(rhs).solving:
         raise RunError(
-            f"locate=True does not go with the method '{method.name}' and a nonlinear algebraic loop. Leave out one, "
-            "or take 'rk4'."
+            f"locate=True does not support the method '{method.name}' with a nonlinear algebraic loop. Remove one of "
+            "them, or use 'rk4'."
         )
     size = {k: rhs.size1_in(k) for k in "xduqp"}
     count = len(method.instants)

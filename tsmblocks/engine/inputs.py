@@ -36,7 +36,7 @@ class EvenInstants:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """All instants. Raises RunError where they are more than the memory holds."""
-        refuse_too_large(2 * 8 * self.count, f"the times of {self.count:,} steps", "Take a longer step.", RunError)
+        refuse_too_large(2 * 8 * self.count, f"the times of {self.count:,} steps", "Use a longer step.", RunError)
         return np.asarray(self.start + self.step * np.arange(self.count), dtype=dtype)
 
 
@@ -149,7 +149,7 @@ class Signal:
         except Exception as error:
             raise DataError(
                 f"input '{self.name}': the function fails on an array of times, which it must take (use "
-                f"np.where in the place of if). {type(error).__name__}: {error}"
+                f"np.where instead of if). {type(error).__name__}: {error}"
             ) from error
         if values.shape not in ((), t.shape):
             raise DataError(
@@ -205,7 +205,7 @@ def _numbers(name: str, given: Any) -> np.ndarray:
 
 
 def _kinds(name: str, given: Any) -> str:
-    """What an input may be, and what it is."""
+    """The message for an argument that is no input."""
     return f"input '{name}' must be a number, samples or a function of time, got {in_words(given)}"
 
 

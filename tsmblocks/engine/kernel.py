@@ -30,7 +30,7 @@ class Memory:
     loops: np.ndarray
 
     def copy(self) -> Memory:
-        """The same state in arrays of its own (parameters are shared, they do not change)."""
+        """The same state in separate arrays (parameters are shared, they do not change)."""
         return Memory(self.x.copy(), self.d.copy(), self.p, self.ring.copy(), self.mask, self.loops.copy())
 
 

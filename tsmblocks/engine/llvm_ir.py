@@ -102,8 +102,8 @@ class Writer:
     def add(self, a: str, b: str, wide: bool = False) -> str:
         """The sum of two values; a product among them is not rounded first.
 
-        Which one is settled here, by their order. Left to LLVM, it would hang on how often each product is
-        used, and the same equations would round differently in a diagram with one more block.
+        Which one is settled here, by their order. LLVM would decide it by how often each product is used, and the same
+        equations would round differently in a diagram with one more block.
         """
         if b in self.products:
             return self.intrinsic("fmuladd", [*self.products[b], a], wide)

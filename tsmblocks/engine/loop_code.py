@@ -190,7 +190,7 @@ class LoopWriter:
         return self._pick(accepted, more, self.w.emit(f"fmul {self.type} %share, {self._number(0.5)}"))
 
     def _begin_again(self, after: dict[str, str], failed: str, start: str) -> None:
-        """Candidates where the method begins again, in a block of its own since that is rare."""
+        """Candidates where the method restarts, in a separate block since that is rare."""
         w, n = self.w, range(self.size)
         none = self._every(self._not(failed))
         w.do(f"br i1 {none}, label %next, label %again")

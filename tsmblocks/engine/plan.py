@@ -1,4 +1,4 @@
-"""What a kernel is generated from: equations, a method, and which numbers differ between lanes."""
+"""The specification of a kernel: equations, a method, and which numbers differ between lanes."""
 
 from __future__ import annotations
 

@@ -72,15 +72,15 @@ def check_delays(eq: Equations, p: np.ndarray, h: float) -> np.ndarray:
         if steps > MOST_DELAY_STEPS:
             raise RunError(
                 f"the delay of {name} is {steps * h:g} s, which is {steps:.1g} steps; at most "
-                f"{MOST_DELAY_STEPS:.0g} are possible. Take a longer step."
+                f"{MOST_DELAY_STEPS:.0g} are possible. Use a longer step."
             )
         if not steps >= least - 1e-9:
             raise RunError(
                 f"the delay of {name} is {steps * h:g} s, shorter than the step of {h:g} s. "
-                "Take a smaller step, or a DeadTime in its place."
+                "Use a smaller step, or a DeadTime instead."
             )
     size = 8.0 * len(tau) * delay_capacity(tau)
-    refuse_too_large(size, f"the past of {len(tau)} delayed signals", "Take a longer step.", RunError)
+    refuse_too_large(size, f"the past of {len(tau)} delayed signals", "Use a longer step.", RunError)
     return tau
 
 

@@ -1,4 +1,4 @@
-"""Expressions formed anew with other expressions in the place of their symbols, so that what is shared stays shared."""
+"""Substitution of symbols in expressions, in which common subexpressions stay common."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Values:
         self._known |= {symbol.element_hash(): value for symbol, value in pairs}
 
     def of(self, expressions: Column) -> Column:
-        """Expressions with the values in the place of the symbols."""
+        """Expressions with the values substituted for the symbols."""
         symbols = [one for one in ca.symvar(expressions) if one.element_hash() in self._known]
         if not symbols:
             return expressions

@@ -33,7 +33,7 @@ ROUNDING = 4e-15
 MOST_CHAINED = 8
 """Further updates of memory that depends on other memory, at most. Chosen."""
 ALWAYS = True
-"""In the place of a condition: a node that has an effect whatever the modes."""
+"""Instead of a condition: a node that has an effect whatever the modes."""
 
 
 @attrs.frozen(eq=False)

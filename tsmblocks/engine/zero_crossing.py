@@ -1,4 +1,4 @@
-"""One step in parts: up to the instant at which a switch changes its branch, and on with the other branch."""
+"""One step in parts: up to the instant at which a switch changes its branch, then with the other branch."""
 
 from __future__ import annotations
 

@@ -132,8 +132,8 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
     for feed in eq.u:
         if feed.block:
             raise RunError(
-                f"diagram '{eq.title}' cannot be written in C: {feed.block} is made for a whole run at "
-                "once. Give its signal as an input instead."
+                f"diagram '{eq.title}' cannot be written in C: {feed.block} generates its signal for a whole run at "
+                "once. Give this signal as an input instead."
             )
     rule, p = method_named(method), parameter_vector(eq, diagram)
     made = _Text(eq, p, h, rule, name).code()

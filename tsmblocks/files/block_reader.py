@@ -25,7 +25,7 @@ FAULTY = Part(None, 1)
 """A block that could not be read."""
 OWN_BLOCKS_HINT = " A block of your own is known once its module is imported (by a command: --with FILE.py)."
 """Hint for an unknown type without a near miss."""
-TOO_DEEP = f"diagrams stand inside diagrams more than {DEEPEST} deep."
+TOO_DEEP = f"diagrams are nested more than {DEEPEST} deep."
 """Fault of a diagram inside of others, in this file or by files that use each other."""
 LONGEST_TEXT = 10_000
 """Characters of one option: a sum has an input for each sign. Chosen: far above any real block."""
@@ -78,7 +78,7 @@ def _typed(page: DiagramPage, spec: dict[str, Any], path: KeyPath) -> Block | No
 
 
 def _fault_of(cls: type[Block], key: str, value: Any) -> str:
-    """What is wrong with one value alone, ``""`` if nothing is."""
+    """The fault of one value, ``""`` if there is none."""
     field = cls.fields().get(key)
     if field is None:
         return f"{cls.__name__} has no parameter '{clip(key)}'.{near(key, cls.fields())}"
@@ -143,7 +143,7 @@ def _find(page: DiagramPage, name: str, path: KeyPath) -> Path | None:
     if not name.strip() or name != name.strip() or "\\" in name or not name.isprintable():
         fault = "is not the name of a diagram."
     elif windows.drive or windows.root or ".." in windows.parts:
-        fault = "leads out of the folder of this file. Name a diagram next to it or below."
+        fault = "is outside the folder of this file. Name a diagram next to it or below."
     else:
         try:
             found = next((f / file for f in folders if f is not None and (f / file).is_file()), None)
@@ -162,7 +162,7 @@ def _read_other(page: DiagramPage, file: Path, path: KeyPath, level: int) -> Par
     reading, key = page.reading, file.resolve()
     if key in reading.open:
         ring = " -> ".join(p.name for p in [*reading.open[reading.open.index(key) :], key])
-        page.block_fault(path, f"the files use each other in a ring: {ring}.", "use")
+        page.block_fault(path, f"the files use each other in a cycle: {ring}.", "use")
         return FAULTY
     if key in reading.done:
         return reading.done[key]

@@ -122,7 +122,7 @@ class Places:
 
     def _too_deep(self, path: Path) -> bool:
         if len(path) > DEEPEST_KEY:
-            self.trouble = self._line, f"keys and brackets stand inside each other more than {DEEPEST_KEY} deep."
+            self.trouble = self._line, f"keys and brackets are nested more than {DEEPEST_KEY} deep."
         return len(path) > DEEPEST_KEY
 
 

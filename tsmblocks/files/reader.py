@@ -62,7 +62,7 @@ def diagram_from(text: str, where: str, folder: Path | None = None, own: Path | 
     except TooManyFaults:
         pass
     except RecursionError:
-        reading.add(f"{where}: tables stand inside each other too deep.")
+        reading.add(f"{where}: tables are nested too deep.")
     if reading.problems and reading.only_wiring:
         raise DiagramError(clip(title) or Path(where).stem, reading.in_order(), where)
     if reading.problems or not isinstance(part.block, Diagram):
@@ -286,7 +286,7 @@ class UnreadableBlock:
 
 
 def _refusal(value: Any) -> str:
-    """What is wrong with a single TOML value, ``""`` if a diagram can hold it."""
+    """The fault of a single TOML value, ``""`` if a diagram can hold it."""
     if isinstance(value, float) and math.isnan(value):
         return "nan, which is not a number"
     if isinstance(value, int) and abs(value) > 2**53:

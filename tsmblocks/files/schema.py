@@ -50,7 +50,7 @@ def _diagram() -> dict[str, Any]:
             "blocks": _named({"$ref": "#/$defs/block"}, "blocks by name"),
             "inputs": _named({"anyOf": [*ports["anyOf"], inlet]}, "inputs by name: the port or ports they drive"),
             "outputs": _named({"anyOf": [_TEXT, outlet]}, "outputs by name: the signal they show"),
-            "values": _named({"type": "number"}, 'numbers used more than once, as "$name"'),
+            "values": _named({"type": "number"}, 'numbers that several parameters refer to, as "$name"'),
         },
         [],
     )

@@ -92,7 +92,7 @@ def loads(text: str, where: str = "<text>", folder: str | os.PathLike[str] | Non
     from tsmblocks.files.reader import diagram_from
 
     if not isinstance(text, str):
-        raise FileError(where, [f"the text of a diagram is needed, got {in_words(text)}. For a file, use load."])
+        raise FileError(where, [f"loads takes the text of a diagram, got {in_words(text)}. For a file, use load."])
     _fill_registry()
     return diagram_from(text, where, None if folder is None else Path(folder))
 
@@ -127,7 +127,7 @@ def dumps(diagram: Diagram) -> str:
     from tsmblocks.files.writer import text_of
 
     if not isinstance(diagram, Diagram):
-        raise FileError("dumps", [f"a Diagram is needed to be written, got {in_words(diagram)}."])
+        raise FileError("dumps", [f"only a Diagram can be written, got {in_words(diagram)}."])
     return text_of(diagram)
 
 
@@ -181,7 +181,7 @@ def _path_of(given: str | os.PathLike[str]) -> Path:
         return ready
     if _is_file(path.with_name(f"{path.name}.toml")):
         raise FileError(
-            clip(text), [f"'{text}' is not among the ready-made diagrams. For the file, say '{text}.toml'."]
+            clip(text), [f"'{text}' is not among the ready-made diagrams. For the file, write '{text}.toml'."]
         )
     hint = near(text, shipped_names(), otherwise=" `tsmblocks diagrams` lists them.")
     raise FileError(clip(text), [f"there is no file '{clip(text)}', and no ready-made diagram of that name.{hint}"])

@@ -38,7 +38,7 @@ def _decoded(data: bytes, where: str) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
-        seems = "it seems to be UTF-16" if utf16 else f"byte 0x{data[error.start]:02x} has no place in it"
+        seems = "it seems to be UTF-16" if utf16 else f"byte 0x{data[error.start]:02x} is not allowed in it"
         raise FileError(where, [f"{where}:{line}: the text is not UTF-8 ({seems}). Save it as UTF-8."]) from None
 
 
@@ -61,7 +61,7 @@ def parse_tables(text: str, where: str) -> tuple[dict[str, Any], Places]:
     except tomllib.TOMLDecodeError as error:
         fault = _in_line(str(error), text, places)
     except RecursionError:
-        fault = " brackets stand inside each other too deep."
+        fault = " brackets are nested too deep."
     except ValueError:  # Python refuses whole numbers of more digits than these
         digits = re.search(r"[0-9_]{4300}", text)
         line = text.count("\n", 0, digits.start()) + 1 if digits else 1
@@ -80,7 +80,7 @@ def _in_line(message: str, text: str, places: Places) -> str:
         if again:
             path, first = places.repeated[again[-1]]
             name = clip(".".join(map(str, path)))
-            return f"{again[-1]}: '{name}' stands here a second time; the first is in line {first}."
+            return f"{again[-1]}: '{name}' is given a second time; the first is in line {first}."
     if what.startswith("Illegal character '\\n'"):
         what = "a text is not closed; it needs a quotation mark at its end"
     shown = clip(text.split("\n")[line - 1].strip(), 60)

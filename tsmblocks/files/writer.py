@@ -35,7 +35,9 @@ def text_of(diagram: Diagram) -> str:
     """The text of a diagram file; raises FileError with everything that a file cannot hold."""
     writer = _Writer()
     lines = [f"format = {FORMAT}", *writer.body(diagram, ""), *_simulation(diagram.simulation)]
-    title = clip(str(diagram.title)).encode(errors="backslashreplace").decode()  # half a character cannot be shown
+    title = (
+        clip(str(diagram.title)).encode(errors="backslashreplace").decode()
+    )  # an incomplete character cannot be shown
     owner = f"diagram '{title}'"
     if writer.problems:
         raise FileError(owner, writer.problems)
@@ -219,7 +221,7 @@ def toml(value: Any) -> str:
         try:
             value.encode()
         except UnicodeEncodeError:
-            raise _Unwritable(f"is {in_words(value)}, with half a character in it") from None
+            raise _Unwritable(f"is {in_words(value)}, with an incomplete character in it") from None
         value = str(value)  # names from a file have a position
     elif isinstance(value, float):
         if math.isnan(value):

@@ -1,4 +1,4 @@
-"""Conditions of signals, written as people write them: ``"x > 1"``, ``"abs(u) > 23.9 or y < 0"``."""
+"""Conditions of signals, written as text: ``"x > 1"``, ``"abs(u) > 23.9 or y < 0"``."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def condition(what: str, text: Any, signals: Mapping[str, str]) -> Condition:
     read = reader(what, text, list(signals), "signal")
     made = read.read(_margin(read, read.tree, signals))
     if not made.names:
-        read.refuse("there is no signal in this. Write for example 'x > 1'.")
+        read.refuse("this contains no signal. Write for example 'x > 1'.")
     return Condition(read.text, made)
 
 
@@ -50,7 +50,7 @@ def _margin(read: Reader, node: ast.expr, signals: Mapping[str, str]) -> ast.exp
         unit_of_expression(read, made, signals)  # refuses a comparison in different units
         return made
     if not isinstance(node, ast.BoolOp):
-        read.refuse("a comparison is wanted here, such as x > 1.", node)
+        read.refuse("a comparison is expected here, such as x > 1.", node)
     word = "min" if isinstance(node.op, ast.And) else "max"
     call = ast.Call(
         ast.copy_location(ast.Name(word, ast.Load()), node), [_margin(read, v, signals) for v in node.values], []

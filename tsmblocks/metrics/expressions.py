@@ -1,4 +1,4 @@
-"""Expressions of names as people write them: of parameters in a fit, of signals in a metric. No text is ever run.
+"""Expressions written as text: of parameters in a fit, of signals in a metric. No text is ever executed.
 
 A text is parsed into Python's syntax tree, and only arithmetic, a few functions and the names that are known are
 taken out of it. Messages show the text and point at the place.
@@ -84,13 +84,13 @@ class Expression:
 def expression(text: str, known: Sequence[str], *, what: str = "expression", kind: str = "parameter") -> Expression:
     """Read an expression such as ``"2 * tsm.theta"``: numbers, ``+ - * / **``, brackets, ``pi`` and the functions.
 
-    ``known`` are full names; the end of one (``theta``) will do where no other ends so. Messages begin with
+    ``known`` are full names; the end of one (``theta``) is enough where no other ends so. Messages begin with
     ``what`` it is, and ``kind`` says of what the names are. Raises ParameterError for anything else, for unknown
     names and for names that may mean several.
     """
     read = reader(what, text, known, kind)
     if isinstance(read.tree, (ast.Compare, ast.BoolOp)):
-        read.refuse("this compares, but an expression is wanted here.")
+        read.refuse("this is a comparison, but an expression is expected here.")
     return read.read(read.tree)
 
 
@@ -180,7 +180,7 @@ class Reader:
         for part in self._parts(node):
             self._check(part, inside)
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Div) and _is_zero(node.right):
-            self.refuse("this divides by zero.", node)
+            self.refuse("this is a division by zero.", node)
         if not inside and hasattr(node, "lineno") and not math.isfinite(float(_evaluated(node, {}, _SYMBOLIC))):
             self.refuse("this is no finite number.", node)
         meaning.update(inside)
@@ -193,7 +193,7 @@ class Reader:
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitXor):
             self.refuse("there is no operation '^'. Write ** for a power.", node)
         if isinstance(node, ast.Tuple):
-            self.refuse("these are several. Give each as a text of its own.", node)
+            self.refuse("these are several expressions. Give each as a separate text.", node)
         if not isinstance(node, ast.Call):
             self.refuse(
                 f"this is no arithmetic. Known here: numbers, + - * / **, {', '.join(FUNCTIONS)}, pi, and "
@@ -220,7 +220,7 @@ def reader(what: str, text: Any, known: Sequence[str], kind: str = "parameter") 
     """Parse a text. Raises ParameterError for anything else, for one that is too long or cannot be parsed."""
     text = " ".join(text.split()) if isinstance(text, str) else text
     if not isinstance(text, str) or not text or not text.isprintable():
-        raise ParameterError(f"{what}: a text such as '2 * theta' is wanted, got {in_words(text)}.")
+        raise ParameterError(f"{what}: a text such as '2 * theta' is expected, got {in_words(text)}.")
     if len(text) > MAX_LENGTH:
         start = in_words(text[:50], 30)
         raise ParameterError(f"{what}: {start} has {len(text)} characters; {MAX_LENGTH} are the most.")

@@ -1,7 +1,7 @@
-"""Metrics: numbers of a run, written as people write them: ``"peak_to_peak(x_ref - x_out, after=10)"``.
+"""Metrics: numbers of a run, written as text: ``"peak_to_peak(x_ref - x_out, after=10)"``.
 
-A metric is arithmetic of reductions, and each reduction makes one number of an expression of signals. Nothing in a
-text is ever run.
+A metric is arithmetic of reductions, and each reduction makes one number of an expression of signals. No text is ever
+executed.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
     split = _Split(read, signals, timed)
     tree = split.outer(read.tree)
     if not split.parts:
-        read.refuse(f"this makes no number of a signal. {EXAMPLE}")
+        read.refuse(f"this does not reduce a signal to a number. {EXAMPLE}")
     inner = attrs.evolve(read, known=list(split.units))
     unit = unit_of_expression(inner, tree, split.units)
     if wanted and not unit:
@@ -216,7 +216,7 @@ def expression_samples(run: Any, text: str) -> tuple[np.ndarray, str]:
     signals = {name: run.unit(name) for name in run}
     read = reader("signal", text, list(signals), "signal")
     if isinstance(read.tree, (ast.Compare, ast.BoolOp)):
-        read.refuse("this compares, and has no curve.")
+        read.refuse("this is a comparison, which is no signal.")
     made = read.read(read.tree)
     values = made.of_arrays({name: run[name] for name in made.names})
     return np.broadcast_to(np.asarray(values, dtype=float), run.t.shape), unit_of_expression(read, read.tree, signals)
@@ -240,10 +240,12 @@ class _Split:
         written = name_in(node)
         if written is not None and written != "pi":
             full = clip(self.read.full(written, node))
-            self.read.refuse(f"'{full}' is a signal over time; make one number of it: rms({full}), for example.", node)
+            self.read.refuse(
+                f"'{full}' is a signal over time; reduce it to one number, for example by rms({full}).", node
+            )
         if isinstance(node, (ast.Compare, ast.BoolOp)):
-            share = "The share of the time at which it holds is share(…)."
-            self.read.refuse(f"this compares, but a number is wanted here. {share}", node)
+            share = "For the share of the time at which it holds, write share(…)."
+            self.read.refuse(f"this is a comparison, but a number is expected here. {share}", node)
         made: ast.expr = node
         if isinstance(node, ast.UnaryOp):
             made = ast.UnaryOp(node.op, self.outer(node.operand))
@@ -263,7 +265,7 @@ class _Split:
             return ast.Name(mark, ast.Load())
         if name not in FUNCTIONS:
             hint = near(OTHER_NAMES.get(name, name), [*REDUCTIONS, *FUNCTIONS], 20)
-            self.read.refuse(f"there is nothing called '{clip(name, 40)}'.{hint}", node.func)
+            self.read.refuse(f"the name '{clip(name, 40)}' is not known.{hint}", node.func)
         return ast.Call(node.func, [self.outer(a) for a in node.args], node.keywords)
 
 
@@ -282,7 +284,7 @@ def _part(read: Reader, node: ast.Call, name: str, timed: bool) -> Part:
         read.refuse(f"{name} takes a {first}{', such as abs(u) > 23.9' if name == 'share' else ''}.", signal)
     expression = read.read(margin_of_comparison(read, signal) if isinstance(signal, ast.Compare) else signal)
     if not {*expression.names} - ({TIME} if timed else set()):
-        read.refuse(f"there is no signal in this. {EXAMPLE}", signal)
+        read.refuse(f"this contains no signal. {EXAMPLE}", signal)
     window = {k: _constant(read, value) for k, value in given.items() if k}
     return Part(name, expression, tuple(_constant(read, one) for one in others), **window)
 
@@ -305,7 +307,7 @@ def margin_of_comparison(read: Reader, node: ast.Compare) -> ast.expr:
 def _constant(read: Reader, node: ast.expr) -> float:
     """A number written out, such as ``0.02`` or ``2 * pi``."""
     if any(name_in(one) not in (None, "pi", *FUNCTIONS) for one in ast.walk(node)):
-        read.refuse("a plain number is wanted here.", node)
+        read.refuse("a plain number is expected here.", node)
     value = finite_or_none(read.read(node).of_arrays({}))
     if value is None:
         read.refuse("this is no finite number.", node)

@@ -21,7 +21,7 @@ def _integral(e: Array, t: Array) -> Array:
 def _settling_time(e: Array, t: Array, band: float) -> Array:
     """Time to the instant after the last one outside the band; infinite where the run ends outside."""
     outside = np.abs(e) > band
-    last = len(t) - 1 - np.argmax(outside[::-1], axis=0)  # where none is outside, of no meaning
+    last = len(t) - 1 - np.argmax(outside[::-1], axis=0)  # meaningless where none is outside
     return np.where(outside.any(axis=0), np.append(t, np.inf)[last + 1], t[0]) - t[0]
 
 

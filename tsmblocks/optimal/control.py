@@ -81,7 +81,8 @@ def optimal_control(
     error : str
         An expression of signals, such as ``"x_ref - x_out"``.
     smallest : {"peak", "rms"}
-        What of the error is to be smallest. For "peak" the rms error is then made smallest within (nearly) that peak.
+        The measure of the error that is minimised. For "peak" the rms error is then made smallest within (nearly) that
+        peak.
     rates : dict of str to (float, float), optional
         Limits of the rates of commands, in their unit per s.
     limits : list of str, optional

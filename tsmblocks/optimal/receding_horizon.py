@@ -67,8 +67,8 @@ class RecedingHorizon:
     preview : int, default 25
         Samples of the horizon.
     smallest : {"rms", "peak"}
-        What of the error is to be smallest. "peak" adds the mean square with a small weight: the peak alone would leave
-        most of a plan undetermined.
+        The measure of the error that is minimised. "peak" adds the mean square with a small weight: the peak alone
+        would leave most of a plan undetermined.
     rates, limits : optional
         As for ``optimal_control``.
     start, step : float, defaults 0.0 and 0.02
@@ -85,7 +85,7 @@ class RecedingHorizon:
     seconds : list of float
         Computing time of each plan in s.
     missed, short : int
-        Numbers of plans that keep not all limits (the command is then unchanged), and whose search was cut short.
+        Numbers of plans that violate limits (the command is then unchanged), and whose search was cut short.
 
     Raises
     ------
@@ -221,7 +221,7 @@ class RecedingHorizon:
         return dict(zip(self.task.commands, self.command.tolist(), strict=True))
 
     def _problem(self, window: Window) -> Problem:
-        """What a plan starts from; the error is scaled by the largest reference so far."""
+        """The start of a plan; the error is scaled by the largest reference so far."""
         if self._scales is None:
             self._scales = window.scales(np.tile(self.command[:, None], self.preview + 1), self.state)
         self._largest = max(self._largest, window.largest_reference)
@@ -395,5 +395,5 @@ def _word(control: RecedingHorizon, count: int, stopped: bool) -> str:
     if stopped:
         return f"interrupted after {count} samples"
     if control.missed:
-        return f"{control.missed} of {count} plans kept no limits"
+        return f"{control.missed} of {count} plans violated limits"
     return f"{control.short} of {count} plans were cut short" if control.short > count // 20 else ""

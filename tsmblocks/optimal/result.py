@@ -37,7 +37,7 @@ class OptimalControl:
     Parameters
     ----------
     goal : str
-        What of the error was made smallest, "peak" or "rms".
+        The measure of the error that was minimised, "peak" or "rms".
     t : ndarray
         Samples of the commands in s, shape (N,).
     commands : dict of str to ndarray
@@ -186,14 +186,14 @@ def simulated_result(
 
 
 def _missed(task: Task, limits: np.ndarray) -> tuple[float, str]:
-    """The largest violation of a limit, and a text where it is above ``LIMIT_TOLERANCE``."""
+    """The largest violation of a limit, and a text if it is above ``LIMIT_TOLERANCE``."""
     worst, word = 0.0, ""
     for k, one in enumerate(task.limits):
         values = limits[:, k]
         amount = max(-float(values.min()), 0.0)
         worst = max(worst, amount)
         if amount > LIMIT_TOLERANCE * max(float(np.ptp(values)), 1e-12) and not word:
-            word = f"'{one.text}' is missed by up to {amount:.3g}"
+            word = f"'{one.text}' is violated by up to {amount:.3g}"
     return worst, word
 
 
@@ -202,7 +202,7 @@ def _open(task: Task, path: np.ndarray) -> str:
     gaps = np.abs(path[:, -1] - path[:, 0]) / np.maximum(np.ptp(path, axis=1), 1e-12)
     if not np.any(gaps > PERIODICITY_TOLERANCE):
         return ""
-    return f"{task.eq.x[int(np.argmax(gaps))]} does not end where it began"
+    return f"{task.eq.x[int(np.argmax(gaps))]} does not end at its initial value"
 
 
 def _unit(error: Expression, run: Run) -> str:

@@ -82,13 +82,13 @@ def _refuse_memory(eq: Equations) -> None:
     if eq.d or eq.periods:
         owner = next(iter(eq.sampled), eq.d[0] if eq.d else "")
         raise RunError(
-            f"'{eq.title}' has a part that works in jumps ({owner}); optimal control needs states that move "
-            "smoothly. Put a continuous block in its place."
+            f"'{eq.title}' has a part that changes in jumps ({owner}); optimal control needs states that change "
+            "smoothly. Replace it by a continuous block."
         )
     if eq.q:
         raise RunError(
-            f"'{eq.title}' delays {eq.q[0]}, which optimal control cannot follow. Leave the delay out, and "
-            "give the references that much earlier."
+            f"'{eq.title}' delays {eq.q[0]}, which optimal control does not support. Remove the delay, and give the "
+            "references earlier by the same time."
         )
 
 
@@ -97,7 +97,7 @@ def _refuse_zero_gradients(task: Task) -> None:
     if task.smoothed.rounds:
         raise RunError(
             f"'{task.eq.title}' rounds a signal to steps, and a gradient is zero between them. "
-            "Leave the block that rounds out of the model."
+            "Remove the block that rounds from the model."
         )
     bent = [task.commands[command] for _, command, order in task.command_inputs if order > 1]
     if bent:

@@ -277,7 +277,7 @@ class Scales:
 
 @attrs.frozen(eq=False)
 class Problem:
-    """What one search starts from: a window, states and commands at its start, and the scales."""
+    """The start of one search: a window, states and commands at its start, and the scales."""
 
     window: Window
     begin: np.ndarray

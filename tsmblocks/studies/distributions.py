@@ -129,7 +129,8 @@ def distributions(given: Any) -> dict[str, Distribution]:
     """The distribution of each parameter; a pair is uniform. Raises ParameterError."""
     if not isinstance(given, Mapping) or not given:
         raise ParameterError(
-            f"nothing varies: write {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, got {in_words(given)}."
+            f"no parameter varies: write {{'tsm.theta': (4, 6)}} or {{'tsm.theta': Normal(5, 0.5)}}, got "
+            f"{in_words(given)}."
         )
     made: dict[str, Distribution] = {}
     for name, one in given.items():

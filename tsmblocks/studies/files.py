@@ -1,4 +1,4 @@
-"""Studies as TOML files: which diagram, what varies, what is measured. Nothing that a file says is ever run.
+"""Studies as TOML files: which diagram, what varies, what is measured. No text of a file is ever executed.
 
 Format 1 has what ``page`` says, ``stop``, ``step``, ``method``, ``hold``, ``[plan]`` and ``[vary]``.
 """
@@ -57,7 +57,7 @@ class _StudyPage(RunPage):
         random = kind in RANDOM_PLANS
         self.known_keys(plan, ("kind", "runs", "seed") if random else ("kind",), ("plan",), f"a {kind}")
         if not vary:
-            self.fault(("vary",), 'nothing varies: write [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].')
+            self.fault(("vary",), 'no parameter varies: write [vary] with lines such as "pid.kp" = [1.0, 1.5, 2.0].')
             return None
         if random and "runs" not in plan:
             self.fault(("plan",), f"a {kind} needs runs = …, how many.")

@@ -35,7 +35,7 @@ def influence(results: Results, metric: str) -> dict[str, tuple[float, float]]:
 
 
 def base_value(results: Results, metric: str) -> float:
-    """A metric without changes: of a sweep that of its first run, of other plans the mean."""
+    """The reference value of a metric: for a sweep that of its first run, for other plans the mean."""
     finite = np.isfinite(results[metric])
     if results.kind == "sweep" and len(results) and results.runs[0] == 0 and finite[0]:
         return float(results[metric][0])

@@ -1,7 +1,7 @@
-"""TOML files that name a diagram and metrics of its runs: what files of studies and of guards have in common.
+"""TOML files that name a diagram and metrics of its runs: shared by files of studies and of guards.
 
 Both have ``format``, ``title``, ``diagram`` (a ready-made one, or a file beside this one), numbers and texts that say
-how it is run, ``[set]`` for parameters that all runs have, and ``[metrics]``. Nothing that a file says is ever run.
+how it is run, ``[set]`` for parameters that all runs have, and ``[metrics]``. No text of a file is ever executed.
 """
 
 from __future__ import annotations

@@ -228,13 +228,13 @@ def _drawn_from_fit(fit: Fit, runs: int, rng: np.random.Generator) -> dict[str, 
     kept = [k for k, one in enumerate(fit.estimates) if not one.is_start and one.name in fit.diagram.parameters]
     estimates = [fit.estimates[k] for k in kept]
     if not estimates:
-        raise ParameterError("the fit has no parameter that all experiments share, so there is nothing to vary.")
+        raise ParameterError("the fit has no parameter that all experiments share, so no parameter can be varied.")
     covariance = fit.covariance[np.ix_(kept, kept)]
     free = np.isfinite(np.diag(covariance))
     unknown = [one.name for one, f in zip(estimates, free, strict=True) if not f and "bound" not in one.verdict]
     if unknown:
         raise ParameterError(
-            f"{', '.join(unknown)} of the fit is not identifiable with its data, so nothing can be drawn."
+            f"{', '.join(unknown)} of the fit is not identifiable with its data, so no values can be drawn."
         )
     root = np.linalg.cholesky(covariance[np.ix_(free, free)] + 1e-300 * np.eye(int(free.sum())))
     mean = np.array([one.value for one in estimates])

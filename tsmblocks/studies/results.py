@@ -182,9 +182,9 @@ class Results:
     def influence(self, metric: str) -> dict[str, tuple[float, float]]:
         """Return how a metric changes with each parameter, the most influential first.
 
-        Of a sweep it is the metric at the smallest and the largest value of a parameter. Of other plans it is what a
-        linear regression predicts at the 5 % and 95 % quantiles of a parameter, the others being at their means. Raises
-        RunError where fewer runs are finite than the regression needs.
+        For a sweep it is the metric at the smallest and the largest value of a parameter. For other plans it is the
+        prediction of a linear regression at the 5 % and 95 % quantiles of a parameter, the others being at their means.
+        Raises RunError where fewer runs are finite than the regression needs.
 
         Parameters
         ----------
@@ -279,7 +279,8 @@ class Results:
         }
 
     def plot(self, *metrics: str, ax: Any = None) -> Any:
-        """Plot what suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs.
+        """Plot the results as suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of
+        random runs.
 
         Parameters
         ----------
@@ -352,7 +353,7 @@ def read_study(path: str | Path) -> Results:
         count, wanted = int(facts["runs"]), {**dict.fromkeys(facts["parameters"], ""), **facts["units"]}
         _ = dict(facts["metrics"]), facts["title"], facts["kind"]
     except (KeyError, TypeError, ValueError):
-        raise DataError(f"{facts_path(path)}: the facts of the study are not all there.") from None
+        raise DataError(f"{facts_path(path)}: facts of the study are missing.") from None
     if [named(one) for one in table.heading[1:]] != list(wanted.items()):
         raise DataError(f"{path}:1: the heading does not have the parameters and metrics of {facts_path(path).name}.")
     if len(runs) and runs[-1] >= count:

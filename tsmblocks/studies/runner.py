@@ -32,7 +32,7 @@ LANE_GROUPS_PER_PIECE = 8
 MAX_SUBMITTED = 256
 """Pieces that an executor is given ahead. Chosen: workers never wait, and memory stays bounded."""
 UNPICKLED = ("pickle", "local object")
-"""What an AttributeError or a TypeError says of a value that cannot be pickled. Source: Python 3.11 to 3.13."""
+"""Texts of an AttributeError or a TypeError for a value that cannot be pickled. Source: Python 3.11 to 3.13."""
 MAX_ATTEMPTS = 3
 """Times that a piece is run before its error counts. Chosen: a cluster may lose one with the machine that had it."""
 OVERDUE_RATIO = 4.0
@@ -117,7 +117,7 @@ def _unchanged_parameter(diagram: Diagram, count: int) -> dict[str, np.ndarray]:
 def run_in_process(
     groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray, threads: int | None
 ) -> Generator[PieceResult, None, None]:
-    """Run what is missing in this process, in as many threads as there are processors unless given."""
+    """Run the missing runs in this process, in as many threads as there are processors unless given."""
     busy = threads or os.cpu_count() or 1
     for group in _missing(groups, missing):
         batch, size = group.prepared(metrics), group.lanes * busy * BATCHES_PER_THREAD
@@ -129,7 +129,7 @@ def run_in_process(
 def run_on_executor(
     groups: Sequence[Runs], metrics: Sequence[Metric], missing: np.ndarray, executor: Executor
 ) -> Generator[PieceResult, None, None]:
-    """Run what is missing on an executor, piece by piece, in the order in which they end."""
+    """Run the missing runs on an executor, piece by piece, in the order in which they end."""
     out = _Submitted(executor)
     try:
         for number, piece in enumerate(_pieces(groups, metrics, missing)):
@@ -243,7 +243,7 @@ def _values(metrics: Sequence[Metric], t: np.ndarray, signals: dict[str, np.ndar
 
 
 def checked_batches(groups: Sequence[Runs], metrics: Sequence[Metric]) -> list[PreparedBatch]:
-    """The groups' batches. Raises what running would raise: sets that a block refuses, metrics without an instant."""
+    """The groups' batches. Raises the errors of a run: sets that a block refuses, metrics without an instant."""
     batches = [group.prepared(metrics) for group in groups]
     for batch in batches:
         for one in metrics:

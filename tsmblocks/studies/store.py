@@ -47,20 +47,20 @@ def read_table(path: Path) -> Table:
     """Read results and facts; a last line that was cut off is ignored. Raises DataError with the line."""
     text, beside = _text_of(path), facts_path(path)
     if not beside.exists():
-        raise DataError(f"{path}: this is no file of a study's results: there is no {beside.name} beside it.")
+        raise DataError(f"{path}: this is not a file of results of a study: there is no {beside.name} beside it.")
     try:
         facts = json.loads(_text_of(beside))
     except json.JSONDecodeError:
         facts = None
     if not isinstance(facts, dict) or facts.get("format") != FORMAT:
-        raise DataError(f"{beside}: these are no facts of a study.")
+        raise DataError(f"{beside}: this does not describe a study.")
     lines = list(csv.reader(io.StringIO(text[: text.rfind("\n") + 1])))
     heading = tuple(lines[0]) if lines else ()
     rows = {}
     for k, row in enumerate(lines[1:], start=2):
         if len(row) != len(heading) or not (row[0].isascii() and row[0].isdecimal() and len(row[0]) <= RUN_DIGITS):
             raise DataError(
-                f"{path}:{k}: {len(heading)} columns are wanted, the first being the number of a run; "
+                f"{path}:{k}: {len(heading)} columns are expected, the first being the number of a run; "
                 f"got {clip(','.join(row), 60)!r}."
             )
         rows[int(row[0])] = tuple(row[1:])
@@ -115,8 +115,8 @@ class Store:
         metrics = [parsed_cell(text) for text in row[count:]]
         if tuple(row[:count]) != wanted or not all(isinstance(value, float) for value in metrics):
             raise DataError(
-                f"{self.path}: the row of run {run} has been changed: {clip(','.join(row), 80)!r}. Take it "
-                "out, and it is run again."
+                f"{self.path}: the row of run {run} has been changed: {clip(','.join(row), 80)!r}. Remove it, and the "
+                "run is repeated."
             )
 
     def add(self, runs: Iterable[int], columns: Iterable[Iterable[Any]]) -> None:

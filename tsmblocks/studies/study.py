@@ -109,7 +109,7 @@ def study(
     """
     if isinstance(diagram, Mapping):
         raise ParameterError(
-            "study runs one diagram; of several, make a study each: "
+            "study runs one diagram; for several, make one study each: "
             "{name: study(one, plan, metrics) for name, one in diagrams.items()}."
         )
     diagram = as_diagram(diagram)
@@ -157,7 +157,7 @@ def _run(
         parts.close()
     except BrokenExecutor as error:
         kept = f" {len(store.done)} of {len(plan)} runs are in {store.path}; the same call continues from there."
-        guard = "" if store.done else ' A script that starts processes works under if __name__ == "__main__": alone.'
+        guard = "" if store.done else ' A script that starts processes must do so under if __name__ == "__main__":.'
         raise RunError(
             f"a worker process ended before its runs did ({error}).{kept if store.path else ''}{guard}"
         ) from None

@@ -1,4 +1,4 @@
-"""Checks of a diagram: that it says what it is, runs, does not depend on how it is run, and holds nothing idle."""
+"""Checks of a diagram: title and units, runs, reproducibility, and blocks without effect."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def check_diagram(
     inputs: Mapping[str, Any] | None = None,
     skip: Collection[str] = (),
 ) -> None:
-    """Check a diagram of your own: names, units, files, runs, and what is idle in it.
+    """Check a diagram of your own: names, units, files, runs, and blocks without effect.
 
     Parameters
     ----------
@@ -98,9 +98,11 @@ def says_what_it_is(bench: Bench) -> None:
     """It has a title and an output, and no output has the name of an input."""
     diagram = bench.diagram
     need(diagram.title.strip(), "it has no title.")
-    need(diagram.outputs, "it has no outputs: nothing can be read from it, or compared with a recording.")
+    need(diagram.outputs, "it has no outputs: no signal of it can be compared with a recording.")
     both = set(diagram.inputs) & set(diagram.outputs)
-    need(not both, f"{', '.join(sorted(both))} is both an input and an output; a recording could not tell them apart.")
+    need(
+        not both, f"{', '.join(sorted(both))} is both an input and an output; in a recording they would be one signal."
+    )
 
 
 @DIAGRAM_CHECKS.add
@@ -156,7 +158,7 @@ def every_input_matters(bench: Bench) -> None:
 
 @DIAGRAM_CHECKS.add
 def outputs_move(bench: Bench) -> None:
-    """No output stands still through the run: its signals reach it."""
+    """No output is constant through the run."""
     for name in bench.diagram.outputs:
         need(np.ptp(bench.usual[name]) > 0, f"output '{name}' is {bench.usual[name][0]:g} at all times.")
 
@@ -165,7 +167,7 @@ def outputs_move(bench: Bench) -> None:
 def nothing_is_idle(bench: Bench) -> None:
     """Every block reaches an output, and every number of ``values`` is used, in diagrams inside as well."""
     idle = list(_idle(bench.diagram, ""))
-    need(not idle, f"{', '.join(idle)}: nothing that is shown depends on it.")
+    need(not idle, f"{', '.join(idle)}: no output depends on it.")
 
 
 def _idle(diagram: Diagram, prefix: str) -> Any:
@@ -198,7 +200,7 @@ def _idle(diagram: Diagram, prefix: str) -> Any:
 
 
 def _switches(block: Any) -> bool:
-    """Whether a block acts on the diagram it stands in."""
+    """Whether a block acts on the diagram that contains it."""
     return type(block).__name__ in ("Enable", "Trigger")
 
 

@@ -67,7 +67,7 @@ class Bench:
         return Scales(wire, other, 0.0, end, step, end, lines, one_clock=not self.effect.local)
 
     def trials(self) -> Trials | None:
-        """What is tried at these scales."""
+        """The trials at these scales."""
         made = self.effect.trials(self.scales)
         if made is not None:
             self.effect.accepts(made)
@@ -104,5 +104,5 @@ class Bench:
         return np.asarray(done["out"])
 
     def change(self, parameters: Mapping[str, float]) -> np.ndarray:
-        """What the effect changes."""
+        """The change of the signal by the effect."""
         return self.run(parameters) - self.waves["u"]

@@ -1,4 +1,4 @@
-"""Checks of an effect: of its names, its null, what is tried of it, and how it scales with signals and steps."""
+"""Checks of an effect: its names, null and trial values, and how it scales with signals and steps."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ MOST_SHAPES = 3
 LARGEST = 1e6
 """Size of an output, of its signal, from which parameters made it diverge. Chosen."""
 STILL = 0.7
-"""Value of a signal that stands still. Chosen: away from zero, where most states begin."""
+"""Value of a constant signal. Chosen: away from zero, where most states begin."""
 MOST_WORDS = 100
-"""Characters of an effect's words. Chosen: they stand in a sentence."""
+"""Characters of an effect's words. Chosen: they are a part of a sentence."""
 
 
 def check_effect(effect: Effect, *, skip: Collection[str] = ()) -> None:
@@ -103,7 +103,7 @@ def _said(parameters: Mapping[str, float]) -> str:
 def _needed(bench: Bench) -> Trials:
     """Trials, which signals with lines in several experiments have to excite."""
     made = bench.trials()
-    need(made is not None, "it is not tried at all: trials gave None for signals that are slow, fast and at rest.")
+    need(made is not None, "it has no trials: trials gave None for signals that are slow, fast and at rest.")
     assert made is not None
     return made
 
@@ -113,7 +113,7 @@ def _needed(bench: Bench) -> Trials:
 
 @EFFECT_CHECKS.add
 def names_read_well(bench: Bench) -> None:
-    """Words are a part of a sentence, and the family is a name."""
+    """The words are a part of a sentence, and the family is a name."""
     effect, words = bench.effect, bench.effect.words
     need(isinstance(words, str) and words.strip(), "it has no words.")
     need(words == words.strip(" ."), f"words are a part of a sentence, without a full stop or blanks: {words!r}.")
@@ -135,14 +135,14 @@ def null_passes_the_signal(bench: Bench) -> None:
 
 @EFFECT_CHECKS.add
 def trials_fit_the_block(bench: Bench) -> None:
-    """What is tried is finite and within all bounds, for small and large, slow and fast signals."""
+    """Trial values are finite and within all bounds, for small and large, slow and fast signals."""
     for size, slow in ((1.0, 1.0), *((s, 1.0) for s in FAR), *((1.0, s) for s in FAR)):
         trials = Bench(bench.effect, size, slow).trials()
         if trials is None:
             continue
         tried = set(trials.strengths) | set().union(*trials.shapes)
         missing = set(bench.effect.free) - tried
-        need(not missing, f"nothing is tried of {', '.join(sorted(missing))}, which is free.")
+        need(not missing, f"no trial value is given for {', '.join(sorted(missing))}, which is free.")
         for made in _sets(trials):
             where = f"at signals of {size:g} drawn out {slow:g} times"
             need(all(map(math.isfinite, made.values())), f"{_said(made)} is tried {where}.")
@@ -161,13 +161,13 @@ def trials_are_repeatable(bench: Bench) -> None:
 
 @EFFECT_CHECKS.add
 def trials_show(bench: Bench) -> None:
-    """What is tried changes the signal, and stays finite."""
+    """Trial values change the signal, and the output stays finite."""
     for made in _sets(_needed(bench)):
         change = bench.change(made)
         need(np.isfinite(change).all(), f"{_said(made)} gives values that are not finite.")
         need(
             np.abs(change).max() > LEAST_CHANGE * bench.scales.wire.reach,
-            f"{_said(made)} is tried, and changes nothing.",
+            f"{_said(made)} is tried, and does not change the output.",
         )
 
 
@@ -206,7 +206,7 @@ def a_small_size_is_seen(bench: Bench) -> None:
 
 @EFFECT_CHECKS.add
 def trials_scale_with_the_signal(bench: Bench) -> None:
-    """What is tried is as large, of the signal, for small and large, slow and fast signals."""
+    """The effect of trial values is the same share of the signal for small and large, slow and fast signals."""
 
     def share(other: Bench) -> float | None:
         trials = other.trials()
@@ -215,7 +215,7 @@ def trials_scale_with_the_signal(bench: Bench) -> None:
         return max(_rms(other.change(made)) for made in _sets(trials)) / _rms(other.waves["u"])
 
     usual = share(bench)
-    need(usual is not None, "it is not tried at all: trials gave None for signals that are slow, fast and at rest.")
+    need(usual is not None, "it has no trials: trials gave None for signals that are slow, fast and at rest.")
     assert usual is not None
     others = ((FAR[0], 1.0, "small"), (FAR[1], 1.0, "large"), (1.0, FAR[0], "fast"), (1.0, FAR[1], "slow"))
     for size, slow, what in others:
@@ -257,7 +257,7 @@ def _is_accepted(bench: Bench, trials: Trials, name: str, value: float) -> bool:
 
 @EFFECT_CHECKS.add
 def starts_where_the_signal_is(bench: Bench) -> None:
-    """On a signal that stands still it gives one value from the start: its states begin there, or are ``settled``."""
+    """On a constant signal it gives one value from the start: its states begin there, or are ``settled``."""
     if bench.effect.family == "time":
         return  # it changes with time, whatever the signal
     still = {name: np.full(len(bench.t), STILL if name == "u" else 0.0) for name in bench.driven}
@@ -265,7 +265,7 @@ def starts_where_the_signal_is(bench: Bench) -> None:
     for made in _sets(_needed(bench)):
         out = bench.run(made, waves=still, initial=initial)
         moved = np.abs(out - out[-1]).max()
-        where = f"with {_said(made)} it moves by {moved:.3g} while the signal stands still at {STILL:g}"
+        where = f"with {_said(made)} it moves by {moved:.3g} while the signal is constant at {STILL:g}"
         need(moved < SMALL * STILL, f"{where}: name in settled the states that have to begin there.")
 
 
@@ -301,7 +301,7 @@ def _has_one_sign(bench: Bench, trials: Trials, name: str) -> bool:
 
 @EFFECT_CHECKS.add
 def both_sides_have_one_unit(bench: Bench) -> None:
-    """Output y has the unit of input u, which it stands in the place of."""
+    """Output y has the unit of input u, which it replaces."""
     block = bench.effect.block
     if isinstance(block, Block):
         u, y = block.inports["u"].unit, block.outports["y"].unit

@@ -1,6 +1,6 @@
 """The pytest plugin: files ``*.tracking.toml`` are tests, and tests in Python have the fixture ``tracking``.
 
-Light at import, since pytest loads it in every run: what is heavy waits until a guard is run.
+Light at import, since pytest loads it in every run: heavy modules are imported when a guard is run.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ ENDING = ".tracking.toml"
 
 
 class TrackingMoved(AssertionError):
-    """A metric has changed by more than it may; the message names it, its change and the time from which on."""
+    """A metric has changed by more than its tolerance; the message names it, its change and when signals deviate."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Declare the options."""
     group = parser.getgroup("tracking", "regression tests on tracking error")
-    group.addoption("--tracking-accept", action="store_true", help="write the metrics of now as the new baselines")
-    pictures = "where pictures of changed signals are drawn (default: tracking-failures)"
+    group.addoption("--tracking-accept", action="store_true", help="write the present metrics as the new baselines")
+    pictures = "folder for pictures of changed signals (default: tracking-failures)"
     group.addoption("--tracking-pictures", metavar="DIR", default="tracking-failures", help=pictures)
 
 

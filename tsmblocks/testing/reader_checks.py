@@ -44,7 +44,7 @@ class Reading:
 
     @cached_property
     def record(self) -> Record:
-        """What it reads. Raises BrokenPromise for anything that is no record."""
+        """The record that it reads. Raises BrokenPromise for anything that is no record."""
         made = self.reader(self.path)
         need(isinstance(made, Record), f"a reader returns a Record, got {in_words(made)}.")
         return made  # type: ignore[no-any-return]
@@ -90,7 +90,7 @@ def check_reader(reader: Callable[[Any], Record], path: str | Path, *, skip: Col
 
 @READER_CHECKS.add
 def gives_a_record(reading: Reading) -> None:
-    """It returns a Record with a name, two samples or more and a signal or more."""
+    """It returns a Record with a name, at least two samples and at least one signal."""
     record = reading.record
     need(len(record) > 1, f"the record has {len(record)} samples.")
     need(record.names, "the record has no signals.")
@@ -110,7 +110,7 @@ def times_are_seconds_that_increase(reading: Reading) -> None:
 
 @READER_CHECKS.add
 def signals_are_named_without_units(reading: Reading) -> None:
-    """A name is a name alone: its unit is in ``units``, and the time is no signal."""
+    """A name contains no unit, which is in ``units``, and the time is no signal."""
     for name in reading.record.names:
         need(name and name == name.strip(), f"signal {name!r} has blanks about its name.")
         need(not any(c in name for c in BRACKETS), f"signal {name!r} has its unit in its name; give it in units.")
@@ -230,7 +230,7 @@ def _refusal(reading: Reading, path: Path) -> TsmError | None:
         raise BrokenPromise(
             f"{path.name} gives {type(error).__name__}: {error}. Raise a DataError, which names the file."
         ) from error
-    need(isinstance(made, Record), f"{path.name} gives {in_words(made)} in the place of a Record.")
+    need(isinstance(made, Record), f"{path.name} gives {in_words(made)} instead of a Record.")
     return None
 
 

@@ -1,4 +1,4 @@
-"""Suites of checks: each check is a function, whose name says what it asks for, and its docstring says it in words."""
+"""Suites of checks: each check is a function with a name and a docstring that state the requirement."""
 
 from __future__ import annotations
 
@@ -55,6 +55,6 @@ class Suite(dict[str, Callable[..., None]]):
             except TsmError as error:
                 broken[name] = f"{type(error).__name__}: {error}"
             except Exception as error:  # any error that it makes is a fault of what is checked
-                broken[name] = f"{type(error).__name__}, which is none of this package: {error}"
+                broken[name] = f"{type(error).__name__}, which is not an error of this package: {error}"
         if broken:
             raise ChecksFailed(subject, broken)

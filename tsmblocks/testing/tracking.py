@@ -1,7 +1,7 @@
 """Regression tests on tracking error: a diagram's metrics compared with a baseline, and when its signals deviate.
 
-A guard says which diagram is run and what is measured; a baseline, kept in a file that people can read, holds its
-metrics and its signals at some instants.
+A guard defines which diagram is run and what is measured; a baseline, kept in a readable file, holds its metrics and
+its signals at some instants.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TOLERANCES = {"exact": 1e-12, "tight": 1e-6, "normal": 1e-3, "loose": 1e-2, "coa
 ZERO_TOLERANCE = 1e-15
 """Magnitude of a metric, in its own unit, below which it counts as zero. Chosen: some units of rounding near 1."""
 MAX_INSTANTS = 200
-"""Instants of the signals that a baseline keeps at most. Chosen: a file that people can read."""
+"""Instants of the signals that a baseline keeps at most. Chosen: a readable file."""
 DIGITS = 7
 """Digits of a signal in a baseline. Chosen: below what a plot resolves."""
 

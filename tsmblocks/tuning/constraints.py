@@ -59,7 +59,7 @@ class Limit:
         return self.metric.unit if self.metric is not None else MARGINS[self.margin][0]
 
     def is_none(self, value: float) -> bool:
-        """Whether a value is that of a loop which has no such margin, since nothing makes it unstable."""
+        """Whether a value is that of a loop without such a margin, since no gain or phase makes it unstable."""
         return bool(self.margin) and value >= MARGINS[self.margin][1]
 
     def excess(self, value: Any) -> Any:
@@ -137,7 +137,9 @@ def _wire_and_point(call: ast.Call, kind: str, diagram: Diagram) -> tuple[str, s
     if point not in POINTS:
         raise ParameterError(f"{kind}: point is {in_words(point)}, which is not a choice.{near(point, POINTS)}")
     try:
-        opened_loop(diagram, where, pade=PADE_ORDER)  # an error that no parameters mend is raised before any search
+        opened_loop(
+            diagram, where, pade=PADE_ORDER
+        )  # an error that does not depend on parameters is raised before any search
     except TsmError as error:
         raise ParameterError(f"{kind}: {error}") from None
     return where, str(point)

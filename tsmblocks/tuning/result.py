@@ -111,12 +111,12 @@ class Tuned:
         if self.status != "complete":
             texts.append("interrupted: these are the best parameters so far")
         if not self.improved:
-            texts.append("nothing better was found than the diagram's own parameters")
+            texts.append("no better parameters were found than the diagram's own")
         if self.starts > 1 and self.agreeing == 1:
             texts.append("no two starts ended here: more starts may find better parameters")
         held = [f"{name} is at its {side} bound ({self.values[name]:.4g})" for name, side in self.at_bounds.items()]
         if held and self.improved:
-            texts.append(f"{', '.join(held)}: beyond it there may be better parameters")
+            texts.append(f"{', '.join(held)}: there may be better parameters beyond it")
         texts += [f"{name} has no effect on the objective and the limits" for name in self.idle]
         return tuple(text for text in (*texts, *self.hunting) if text)
 

@@ -220,8 +220,8 @@ def differentiable(metric: Metric) -> DifferentiableMetric:
     for part in metric.parts:
         if part.reduction not in SMOOTH_REDUCTIONS:
             raise ParameterError(
-                f"metric '{metric.name}': {part.reduction} is not differentiable, so nothing can be tuned by "
-                f"it. Known here: {', '.join(SMOOTH_REDUCTIONS)}."
+                f"metric '{metric.name}': {part.reduction} is not differentiable, so it cannot be used for tuning. "
+                f"Known here: {', '.join(SMOOTH_REDUCTIONS)}."
             )
     numbers = [ca.SX.sym(f"m{k}") for k in range(len(metric.parts))]
     value = metric.outer.symbolic({f"#{k}": m for k, m in enumerate(numbers)})

@@ -215,7 +215,7 @@ def _goal(given: Any, units: Mapping[str, str]) -> Metric:
 
 
 def _listed(given: Any) -> list[Any]:
-    """Limits as a list; a single one need not be one. Raises ParameterError."""
+    """Limits as a list, also of a single one. Raises ParameterError."""
     if isinstance(given, str):
         return [given]
     if not isinstance(given, Iterable) or isinstance(given, Mapping):
