@@ -156,7 +156,7 @@ def test_a_floor_in_another_unit_is_doubted(run):
     _, out, _ = run(*BASE[:-1], "0.2rad", "--effects", "backlash")
     assert "NONE." in out
     assert "the noise floor given for x_out (11.5 deg) is above the residual of the base (1." in " ".join(out.split())
-    assert "so nothing can be found: is it in the right unit (rad)?" in " ".join(out.split())
+    assert "so no effect can be found: is it in the right unit (rad)?" in " ".join(out.split())
     assert "right unit" not in run(*BASE, "--effects", "backlash")[1]
 
 

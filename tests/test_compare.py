@@ -152,7 +152,7 @@ def test_a_model_that_escapes_where_it_is_held_out_was_fitted_and_comes_last():
     row = found["escapes"]
     assert (row.held_out, row.figure) == (None, np.inf)
     assert row.train.rms == row.fit.differences.rms == pytest.approx(0.003, rel=0.2)
-    said = "with the numbers that were fitted, experiment 'rig' cannot be simulated: "
+    said = "with the fitted parameters, experiment 'rig' cannot be simulated: "
     assert row.fault.startswith(said)
     assert "diverges" in row.fault
     told = " ".join(str(found).split())
@@ -252,14 +252,14 @@ def test_a_table_is_shown_in_degrees(ranked):
 def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     assert ranked.noise == pytest.approx(0.01, rel=0.15)
     assert ranked.above_noise == pytest.approx(ranked.best.figure / ranked.noise)
-    assert " deg rms (repeats); slack leaves" in str(ranked).replace("\n", " ")
+    assert " deg rms (repeats); the residual of slack is" in str(ranked).replace("\n", " ")
     assert "tsmblocks diagnose" not in str(ranked)
     poor = tsm.compare({"line": LINEAR}, rig(), **QUICK)
     assert poor.above_noise > 1.5
-    assert f"and line leaves {poor.above_noise:.2g} times that: something is missing in every one. " in (
+    assert f"and the residual of line is {poor.above_noise:.2g} times that: every model has an unmodelled effect. " in (
         str(poor).replace("\n", " ")
     )
-    assert "A diagnosis (tsm.diagnose, tsmblocks diagnose) looks for what it is." in str(poor).replace("\n", " ")
+    assert "A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it." in str(poor).replace("\n", " ")
     assert poor.to_dict()["noise"] == poor.noise
 
 

@@ -17,9 +17,9 @@ def test_every_name_leads_to_a_block_and_is_none_itself():
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("Backlash", "there is no block type 'Backlash'. Here that is 'Play'."),
-        ("Transport Delay", "there is no block type 'Transport Delay'. Here that is 'Delay'."),
-        ("gear", "there is no block type 'gear'. Here that is 'Gain'."),
+        ("Backlash", "there is no block type 'Backlash'. Its name here is 'Play'."),
+        ("Transport Delay", "there is no block type 'Transport Delay'. Its name here is 'Delay'."),
+        ("gear", "there is no block type 'gear'. Its name here is 'Gain'."),
         ("Gian", "there is no block type 'Gian'. Did you mean 'Gain'?"),
     ],
 )
@@ -32,4 +32,4 @@ def test_a_file_that_uses_them_is_told(name, said):
 def test_a_script_that_uses_them_is_told():
     with pytest.raises(AttributeError) as caught:
         tsm.blocks.TransferFcn()
-    assert str(caught.value) == "tsmblocks.blocks has no 'TransferFcn'. Here that is 'TransferFunction'."
+    assert str(caught.value) == "tsmblocks.blocks has no 'TransferFcn'. Its name here is 'TransferFunction'."

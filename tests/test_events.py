@@ -702,7 +702,7 @@ def test_transport_delays_are_refused():
         wires=["s -> delay -> lag"],
         outputs={"x": "lag"},
     )
-    with pytest.raises(RunError, match=r"'late': locate=True does not go with a transport delay \(delay\."):
+    with pytest.raises(RunError, match=r"'late': locate=True does not support a transport delay \(delay\."):
         simulate(d, stop=1.0, locate=True)
 
 

@@ -671,8 +671,8 @@ def test_sources_that_run_by_the_clock_of_a_recording_are_told_of_one_that_does_
     y = 1 - np.exp(-2 * T)
     at_zero, later = (tsm.Record("a", T + begin, {"y": y}, {"y": ""}) for begin in (0.0, 3.7))
     words = (
-        "a: nothing that was measured drives the diagram. Its sources run by the clock of the recording, and it "
-        "is at rest until that begins, at 3.7 s."
+        "a: no measured signal drives the diagram. Its sources use the time of the recording, and it is at rest until "
+        "the recording begins, at 3.7 s."
     )
     assert words in tsm.fit(lag, later, free=["lag.time_constant"]).notes
     assert not any("clock" in text for text in tsm.fit(lag, at_zero, free=["lag.time_constant"]).notes)

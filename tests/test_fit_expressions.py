@@ -31,7 +31,7 @@ NO_ARITHMETIC = (
     "min, max, pi, and names of parameters."
 )
 NO_COMPARISON = "this is not a comparison. Write for example 'theta > 0'."
-NEVER, ALWAYS = (f"this is always {which}, whatever the parameters are." for which in ("false", "true"))
+NEVER, ALWAYS = (f"this is always {which}, for any values of the parameters." for which in ("false", "true"))
 
 
 def value(read, values=VALUES):
@@ -189,9 +189,9 @@ def test_expressions_mean_what_python_means(text):
         ("max(*A)", marked("max takes plain arguments.", "max(*A)", "^^^^^^^")),
         ("exp(x=A)", marked("exp takes plain arguments.", "exp(x=A)", "^^^^^^^^")),
         ("x" * 100_000, f"'{'x' * 28}… has 100000 characters; {MAX_LENGTH} are the most."),
-        ("", "a text such as '2 * theta' is wanted, got ''."),
-        ("A\x00", "a text such as '2 * theta' is wanted, got 'A\\x00'."),
-        (3, "a text such as '2 * theta' is wanted, got 3."),
+        ("", "a text such as '2 * theta' is expected, got ''."),
+        ("A\x00", "a text such as '2 * theta' is expected, got 'A\\x00'."),
+        (3, "a text such as '2 * theta' is expected, got 3."),
         ("-" * 200 + "A", marked("this is nested more than 100 deep.", "-" * 80 + "…", "^" * 80)),
         ("A+" * 200 + "A", marked("this is nested more than 100 deep.", "A+" * 40 + "…", "^" * 80)),
         (
@@ -329,7 +329,7 @@ def test_constraints_come_alone_in_a_list_or_by_name():
             "constraint 'm': "
             + marked("there is no parameter 'alpha3'. Did you mean 'tsm.alpha2'?", "alpha3 > 0", "^^^^^^"),
         ),
-        ([None], "constraint: a text such as '2 * theta' is wanted, got None."),
+        ([None], "constraint: a text such as '2 * theta' is expected, got None."),
         (5, "constraints must be texts such as 'theta > 0', a list or a mapping of them, got 5."),
     ],
 )
@@ -380,14 +380,14 @@ def test_ties_without_a_circle_can_always_be_ordered(order, random):
 @pytest.mark.parametrize(
     ("given", "free", "message"),
     [
-        ({"A": "A + 1"}, [], "ties: 'tsm.A' follows itself."),
+        ({"A": "A + 1"}, [], "ties: 'tsm.A' depends on itself."),
         (
             {"alpha1": "A", "A": "2*B", "B": "theta", "theta": "A"},
             [],
-            "ties: parameters follow each other in a circle, tsm.A -> B -> tsm.theta -> tsm.A.",
+            "ties: parameters depend on each other in a cycle, tsm.A -> B -> tsm.theta -> tsm.A.",
         ),
         ({"alpha1": "B", "tsm.alpha1": "A"}, [], "ties: 'tsm.alpha1' is tied twice."),
-        ({"theta": "2*A"}, ["tsm.theta"], "ties: 'tsm.theta' is free in this fit, so it cannot follow '2*A' as well."),
+        ({"theta": "2*A"}, ["tsm.theta"], "ties: 'tsm.theta' is free in this fit, so it cannot be tied to '2*A'."),
         ({"thet": "A"}, [], "ties: there is no parameter 'thet'. Did you mean 'tsm.theta'?"),
         ({"k": "A"}, [], "ties: 'k' may mean left.k or right.k. Say which."),
         ({"A": "C"}, [], "tie of 'tsm.A': " + marked("there is no parameter 'C'." + CHOICES, "C", "^")),
@@ -396,8 +396,8 @@ def test_ties_without_a_circle_can_always_be_ordered(order, random):
             [],
             "tie of 'tsm.A': " + marked("this is a comparison, but an expression is expected here.", "B > 1", "^^^^^"),
         ),
-        ({"A": math.nan}, [], "tie of 'tsm.A': a text such as '2 * theta' is wanted, got nan."),
-        ({"A": True}, [], "tie of 'tsm.A': a text such as '2 * theta' is wanted, got True."),
+        ({"A": math.nan}, [], "tie of 'tsm.A': a text such as '2 * theta' is expected, got nan."),
+        ({"A": True}, [], "tie of 'tsm.A': a text such as '2 * theta' is expected, got True."),
         (["A"], [], "ties must map parameters to expressions, such as {'alpha2': 'alpha1'}, got ['A']."),
     ],
 )

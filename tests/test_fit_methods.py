@@ -391,6 +391,6 @@ def test_what_lies_in_a_delay_cannot_be_cut():
     with pytest.raises(RunError) as caught:
         tsm.fit(diagram, measured(diagram, truth, inputs), method="ipopt", segments=3)
     assert str(caught.value) == (
-        "multiple shooting does not go with transport delays (late.past): what lies in a delay cannot be a start "
+        "multiple shooting does not support transport delays (late.past): the content of a delay cannot be an initial "
         "state. Use one segment."
     )

@@ -286,7 +286,7 @@ def test_a_segment_of_few_samples_beside_a_long_one():
             np.ones((3, 3)),
             np.ones(3),
             None,
-            "3 samples cannot tell how sure 3 parameters are: it takes more samples than parameters.",
+            "3 samples do not determine the uncertainty of 3 parameters: more samples than parameters are needed.",
         ),
         (
             np.ones((9, 3)),

@@ -212,13 +212,13 @@ MISTAKES = {
     "title": ([('"position loop"', "3")], ["2: title must be text, got 3."]),
     "twice": (
         [('gain = "$k"', "gain = 1\ngain = 2")],
-        ["18: 'blocks.motor.gain' stands here a second time; the first is in line 17."],
+        ["18: 'blocks.motor.gain' is given a second time; the first is in line 17."],
     ),
     "block twice": (
         [("[blocks.motor]", "[blocks.pid]")],
-        ["15: 'blocks.pid' stands here a second time; the first is in line 12."],
+        ["15: 'blocks.pid' is given a second time; the first is in line 12."],
     ),
-    "section twice": ([("[inputs]", "[blocks]")], ["19: 'blocks' stands here a second time; the first is in line 9."]),
+    "section twice": ([("[inputs]", "[blocks]")], ["19: 'blocks' is given a second time; the first is in line 9."]),
     "bracket": (
         [("[blocks]", "[blocks")],
         ["9: this is not TOML: expected ']' at the end of a table declaration (column 8: [blocks)."],
@@ -375,10 +375,10 @@ def test_files_that_use_each_other_are_shown_as_a_ring(tmp_path):
     with pytest.raises(FileError) as caught:
         load(tmp_path / "start.toml")
     assert caught.value.problems == (
-        f"{tmp_path}/c.toml:3: block 'x': the files use each other in a ring: a.toml -> b.toml -> c.toml -> a.toml.",
+        f"{tmp_path}/c.toml:3: block 'x': the files use each other in a cycle: a.toml -> b.toml -> c.toml -> a.toml.",
     )
     (tmp_path / "a.toml").write_text("format = 1\n[blocks]\nx = { use = 'a' }\n")
-    with pytest.raises(FileError, match=r"a\.toml:3: block 'x': .* in a ring: a\.toml -> a\.toml\."):
+    with pytest.raises(FileError, match=r"a\.toml:3: block 'x': .* in a cycle: a\.toml -> a\.toml\."):
         load(tmp_path / "a.toml")
 
 
@@ -387,13 +387,13 @@ def test_a_hundred_levels_of_files_are_refused(tmp_path):
         (tmp_path / f"f{k}.toml").write_text(f"format = 1\n[blocks]\nx = {{ use = 'f{k + 1}' }}\n")
     with pytest.raises(FileError) as caught:
         load(tmp_path / "f0.toml")
-    assert caught.value.problems == (f"{tmp_path}/f63.toml:3: diagrams stand inside diagrams more than 64 deep.",)
+    assert caught.value.problems == (f"{tmp_path}/f63.toml:3: diagrams are nested more than 64 deep.",)
 
 
 def test_a_hundred_levels_in_one_file_are_refused():
     text = "format = 1\n" + "".join(f"[{'.'.join(['blocks.x'] * k)}]\nwires = []\n" for k in range(1, 78))
     problems, _ = refused(text)
-    assert problems == ["loop.toml:128: diagrams stand inside diagrams more than 64 deep."]
+    assert problems == ["loop.toml:128: diagrams are nested more than 64 deep."]
 
 
 def test_few_files_cannot_add_up_to_billions_of_blocks(tmp_path):
@@ -410,8 +410,8 @@ def test_few_files_cannot_add_up_to_billions_of_blocks(tmp_path):
 
 
 def test_what_is_no_text_and_no_diagram_is_said():
-    assert refused(b"format = 1")[0] == ["the text of a diagram is needed, got b'format = 1'. For a file, use load."]
-    with pytest.raises(FileError, match=r"a Diagram is needed to be written, got 'a\.toml'\."):
+    assert refused(b"format = 1")[0] == ["loads takes the text of a diagram, got b'format = 1'. For a file, use load."]
+    with pytest.raises(FileError, match=r"only a Diagram can be written, got 'a\.toml'\."):
         dumps("a.toml")
 
 
@@ -448,7 +448,7 @@ def test_a_misspelt_file_is_answered_with_a_near_one(tmp_path):
 def test_a_name_without_its_ending_is_helped(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(GOOD)
-    assert fault_of("mine") == "'mine' is not among the ready-made diagrams. For the file, say 'mine.toml'."
+    assert fault_of("mine") == "'mine' is not among the ready-made diagrams. For the file, write 'mine.toml'."
 
 
 def test_a_folder_is_not_a_file(tmp_path):

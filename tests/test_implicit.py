@@ -256,7 +256,7 @@ def test_a_state_that_passes_a_jump_needs_located_switches(method):
         blocks=dict(s=Sine(frequency=0.5), e=Sum(), r=Sign(), l=FirstOrderLag(time_constant=1e-4), i=Integrator()),
         wires=["s -> e.plus", "e -> r -> l -> i -> e.minus"],
     )
-    with pytest.raises(NotFinite, match="where a state passes a jump, locate=True steps to it"):
+    with pytest.raises(NotFinite, match="where a state passes a discontinuity, use locate=True"):
         tsm.simulate(d, stop=4.0, step=0.01, method=method)
     run = tsm.simulate(d, stop=4.0, step=0.01, method=method, locate=True)
     fine = tsm.simulate(d, stop=4.0, step=1e-5, every=1000)
@@ -265,7 +265,7 @@ def test_a_state_that_passes_a_jump_needs_located_switches(method):
 
 
 def test_located_switches_are_refused_beside_a_nonlinear_loop():
-    with pytest.raises(RunError, match=r"'sdirk2' and a nonlinear algebraic loop\. Leave out one, or take 'rk4'"):
+    with pytest.raises(RunError, match=r"'sdirk2' with a nonlinear algebraic loop\. Remove one of them, or use 'rk4'"):
         tsm.simulate(motor_loop(), stop=1.0, inputs={"r": 1.0}, method="sdirk2", locate=True)
 
 

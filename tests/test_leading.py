@@ -24,7 +24,7 @@ def gap(u, half=0.05):
 def test_the_time_by_which_an_output_runs_ahead():
     words = runs_ahead(NAMES, T, X, late(-0.02), 0.9 * X)
     assert words == (
-        "x_out runs 0.02 s ahead of x_in, which the model does not: were the two exchanged, or was one recorded late?"
+        "x_out leads x_in by 0.02 s, and the model has no such lead: were the two exchanged, or was one recorded late?"
     )
 
 
@@ -50,10 +50,8 @@ def exchange_effects():
 def test_a_fit_to_columns_that_were_exchanged_says_so():
     found = tsm.fit(tsm.load("tendon_sheath_play"), exchange_effects())
     (words,) = [text for text in found.notes if "ahead" in text]
-    assert words.startswith("run: x_out runs 0.0")
-    assert words.endswith(
-        " s ahead of x_in, which the model does not: were the two exchanged, or was one recorded late?"
-    )
+    assert words.startswith("run: x_out leads x_in by 0.0")
+    assert words.endswith(" s, and the model has no such lead: were the two exchanged, or was one recorded late?")
 
 
 def test_a_diagnosis_of_columns_that_were_exchanged_says_so_beside_the_name():

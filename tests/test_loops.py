@@ -602,7 +602,8 @@ def test_a_singular_loop_names_its_path_and_the_instant(backend):
         tsm.simulate(ring(Gain(gain=1.0), "++"), stop=1.0, backend=backend)
     assert str(caught.value) == (
         "the algebraic loop error.y -> k.y -> error.y is singular at t = 0 s: its loop gain is 1, so it has no "
-        "solution, or any. Change a gain, or break it with a block that has a state (a lag, an integrator)."
+        "solution, or infinitely many. Change a gain, or break it with a block that has a state (a lag, an "
+        "integrator)."
     )
     blocks = dict(ref=Sine(), ramp=Ramp(), e=Sum(signs="++"), m=Product())
     wires = ["ref -> e.plus1", "ramp -> m.u1", "e -> m.u2", "m -> e.plus2"]

@@ -157,7 +157,7 @@ def test_what_others_call_total_variation_is_found():
     t = np.linspace(0.0, 2.0, 2001)
     assert metric("variation(u)", {"u": "V"})(t, {"u": np.sin(2 * np.pi * t)}) == pytest.approx(8.0)
     for word in ("travel", "total_variation"):
-        with pytest.raises(ParameterError, match=f"there is nothing called '{word}'. Did you mean 'variation'?"):
+        with pytest.raises(ParameterError, match=f"the name '{word}' is not known. Did you mean 'variation'?"):
             metric(f"{word}(u)", {"u": "V"})
 
 
@@ -171,12 +171,12 @@ def test_no_instant_is_left():
 
 
 REFUSED = {
-    "x_ref - x_out": "'x_ref' is a signal over time; make one number of it: rms(x_ref), for example.",
+    "x_ref - x_out": "'x_ref' is a signal over time; reduce it to one number, for example by rms(x_ref).",
     "rms(x_rff)": "there is no signal 'x_rff'. Did you mean 'x_ref'?",
     "x_rff + 1": "there is no signal 'x_rff'. Did you mean 'x_ref'?",
-    "rsm(x_ref)": "there is nothing called 'rsm'. Did you mean 'rms'?",
-    "1 + 2": "this makes no number of a signal. Write for example 'rms(x_ref - x_out)'.",
-    "rms(2)": "there is no signal in this. Write for example 'rms(x_ref - x_out)'.",
+    "rsm(x_ref)": "the name 'rsm' is not known. Did you mean 'rms'?",
+    "1 + 2": "this does not reduce a signal to a number. Write for example 'rms(x_ref - x_out)'.",
+    "rms(2)": "this contains no signal. Write for example 'rms(x_ref - x_out)'.",
     "rms()": "rms takes (signal, after=, before=), the last two being optional.",
     "rms(u, 2)": "rms takes (signal, after=, before=), the last two being optional.",
     "rms(u, after=1, after=2)": "rms takes (signal, after=, before=), the last two being optional.",
@@ -254,5 +254,5 @@ def test_time_in_a_metric():
     several = np.column_stack([np.exp(-t), 2 * np.exp(-t)])
     assert one(t, {"e": several}) == pytest.approx([1.0, 2.0], abs=1e-5)
     assert metric("integral(t * e)", {"e": "rad", "t": "K"}).signals == ("t", "e")  # a signal of that name comes first
-    with pytest.raises(ParameterError, match="there is no signal in this"):
+    with pytest.raises(ParameterError, match="this contains no signal"):
         metric("integral(t)", {"e": "rad"})

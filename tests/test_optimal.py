@@ -516,7 +516,7 @@ MISTAKES = {
     "sampled": (
         lambda: asked(line(ZeroOrderHold(period=0.1))),
         RunError,
-        "'line' has a part that works in jumps (b0); optimal control needs states that move smoothly. Put a continuous block in its place.",
+        "'line' has a part that changes in jumps (b0); optimal control needs states that change smoothly. Replace it by a continuous block.",
     ),
     "delay": (
         lambda: asked(line(Delay(time=0.1))),
@@ -581,7 +581,7 @@ MISTAKES = {
     "limit that is met": (
         lambda: asked(limits="1 <= 2"),
         ParameterError,
-        "this is always true, whatever the signals are.",
+        "this is always true, for any values of the signals.",
     ),
     "limits that cannot be kept": (
         lambda: asked(line(FirstOrderLag()), limits="y >= 2"),

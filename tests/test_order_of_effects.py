@@ -100,7 +100,7 @@ def test_a_floor_above_what_the_model_leaves_is_doubted():
     assert said.sentence.endswith("But the noise floor given for x_out is implausible: the residual is smaller.")
     (note,) = [n for n in said.notes if "noise floor" in n]
     assert note.startswith("the noise floor given for x_out (3.44 deg) is above the residual of the base (0.3")
-    assert note.endswith("deg rms), so nothing can be found: is it in the right unit (rad)?")
+    assert note.endswith("deg rms), so no effect can be found: is it in the right unit (rad)?")
 
 
 def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):

@@ -112,7 +112,7 @@ def test_what_the_data_leave_open_cannot_be_drawn(fitted):
     covariance = fitted.covariance.copy()
     covariance[0, :] = covariance[:, 0] = np.nan
     open_ = attrs.evolve(fitted, covariance=covariance)
-    with pytest.raises(ParameterError, match=r"gain\.gain of the fit is not identifiable with its data, so nothing"):
+    with pytest.raises(ParameterError, match=r"gain\.gain of the fit is not identifiable with its data, so no values"):
         monte_carlo(open_, 10)
 
 

@@ -163,7 +163,7 @@ def test_an_experiment_whose_error_is_far_from_all_others_is_looked_at_alone():
     (gap,) = NONE.gaps
     some = {"a": (0.1,), "b": (0.12,), "c": (0.33,)}
     (step,) = verdict_text.next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=some),)))
-    assert step.startswith("Look at c alone: its error of x_out is 3.0 times that of the other experiments, so")
+    assert step.startswith("Examine c separately: its error of x_out is 3.0 times that of the other experiments, so")
     for calm in ({"a": (0.1,), "c": (0.33,)}, {**some, "c": (0.17,)}, {**some, "b": (0.3,)}):
         assert verdict_text.next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=calm),))) == []
 

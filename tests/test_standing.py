@@ -30,7 +30,7 @@ LAG = tsm.Diagram(
 )
 
 
-FOUND = "u stands and jumps: held between samples (hold='zero')."
+FOUND = "u is piecewise constant: held between samples (hold='zero')."
 
 
 def test_a_fit_finds_that_the_input_is_held_and_is_right_then():
@@ -79,7 +79,7 @@ def test_an_input_whose_rate_is_needed_is_not_held():
     sheath = tsm.load("tendon_sheath_symmetric")
     found = tsm.fit(sheath, data, free=["offset.bias"], starts=1)
     assert found.hold == "linear"
-    assert any("x_in stands and jumps, but its rate drives the diagram" in text for text in found.notes)
+    assert any("x_in is piecewise constant, but its rate drives the diagram" in text for text in found.notes)
 
 
 def moved(rng, n):

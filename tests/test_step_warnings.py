@@ -39,7 +39,7 @@ CALLS = {
     "C code": (LAG, lambda: to_c(quick(), step=0.1)),
     "a batch": (WORST, lambda: simulate_batch(lagged(), SETS, **HOW)),
     "a batch of one": (
-        f"{LAG} This is with lag.time_constant = 0.01.",
+        f"{LAG} This is for lag.time_constant = 0.01.",
         lambda: simulate_batch(lagged(), {"lag.time_constant": [0.01]}, **HOW),
     ),
     "a study": (WORST, lambda: tsm.study(lagged(), plan(), "rms(y)", **HOW)),

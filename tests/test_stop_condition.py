@@ -199,9 +199,9 @@ def test_samples_and_delays_end_a_run_on_the_grid(part):
     ("text", "error", "message"),
     [
         ("x < 1", RunError, "stop_when 'x < 1' holds at the start"),
-        ("x + 1", ParameterError, "stop_when: a comparison is wanted here"),
+        ("x + 1", ParameterError, "stop_when: a comparison is expected here"),
         ("xx > 1", ParameterError, "stop_when: there is no signal 'xx'. Did you mean 'x'"),
-        ("1 > 2", ParameterError, "stop_when: there is no signal in this"),
+        ("1 > 2", ParameterError, "stop_when: this contains no signal"),
         ("x == 1", ParameterError, "stop_when: signals are compared by"),
         ("x > u", ParameterError, "stop_when: this mixes"),
         (3, RunError, "stop_when must be a text, got 3."),
@@ -244,10 +244,10 @@ def test_batches_and_sensitivities_refuse_a_condition_that_they_do_not_know():
     motor = tsm.load("motor_linear")
     ending = motor.with_simulation(attrs.evolve(motor.simulation, stop_when="x > 1"))
     options = dict(stop=0.2, step=1e-3, inputs={"u": 12.0})
-    said = r"ends its runs with stop_when = 'x > 1', and a batch goes on to the end\. Leave it out: diagram\.with_sim"
+    said = r"ends its runs with stop_when = 'x > 1', but a batch always runs to the end\. Remove it: diagram\.with_sim"
     with pytest.raises(RunError, match=said):
         tsm.simulate_batch(ending, {"motor.K": [1.0, 2.0]}, **options)
-    with pytest.raises(RunError, match="and a run with sensitivities goes on to the end"):
+    with pytest.raises(RunError, match="but a run with sensitivities always runs to the end"):
         tsm.sensitivities(ending, ["motor.K"], **options)
     again = ending.with_simulation(attrs.evolve(ending.simulation, stop_when=""))
     assert tsm.simulate_batch(again, {"motor.K": [1.0]}, **options)["x"].shape == (1, 201)
@@ -282,7 +282,7 @@ def test_a_condition_of_a_diagram_inside_another_is_warned_of(recwarn):
     alone = motor.with_simulation(attrs.evolve(motor.simulation, stop_when="x > 1"))
     held = tsm.Diagram(title="held", blocks=dict(m=alone), inputs=dict(u="m.u"), outputs=dict(x="m.x"))
     around = tsm.Diagram(title="around", blocks=dict(part=held), inputs=dict(u="part.u"), outputs=dict(x="part.x"))
-    said = "diagram 'around': runs of part.m alone end with stop_when = 'x > 1', which does not act here"
+    said = "diagram 'around': runs of part.m alone end with stop_when = 'x > 1', which is ignored here"
     with pytest.warns(IgnoredConditionWarning, match=said) as caught:
         assert tsm.simulate(around, inputs=dict(u=12.0), stop=0.5).t[-1] == 0.5
     assert caught[0].filename == __file__

@@ -300,9 +300,9 @@ def test_what_cannot_be_switched():
     ports = dict(y="lag", z="past")
     d = sampled(Trigger(), ["sum", "lag", "past"], ports, lag=FirstOrderLag(), past=Delay())
     assert refused(d) == [
-        "lag (FirstOrderLag) has a continuous state (value), which cannot move at the instants of switch alone. "
-        "Take a sampled block, or an Enable in the place of the Trigger.",
-        "past (Delay) reads past values, which go on while switch is off. Put it outside of this diagram.",
+        "lag (FirstOrderLag) has a continuous state (value), which cannot change only at the instants of switch. Use "
+        "a sampled block, or an Enable instead of the Trigger.",
+        "past (Delay) reads past values, which continue while switch is off. Put it outside of this diagram.",
     ]
 
 

@@ -602,6 +602,6 @@ def test_a_block_whose_ports_collide_is_refused_where_it_is_read():
     with pytest.raises(BlockError, match=r"^broken_promises takes a block, got the class Wrong: write Wrong\(\).$"):
         broken_promises(Wrong)
     found = broken_promises(Wrong())
-    assert "Wrong.y is two things at once" in found["equations_cover_what_is_declared"]
+    assert "Wrong.y is used twice" in found["equations_cover_what_is_declared"]
     with pytest.raises(EquationError):
         raise EquationError(found["equations_cover_what_is_declared"])

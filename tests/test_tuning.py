@@ -573,7 +573,7 @@ REFUSED = {
     "metric": (dict(minimise="rms(z)"), "metric: there is no signal 'z'."),
     "no slope": (
         dict(minimise="rise_time(y, 0.1)"),
-        "metric 'rise_time(y, 0.1)': rise_time is not differentiable, so nothing can be tuned by it.",
+        "metric 'rise_time(y, 0.1)': rise_time is not differentiable, so it cannot be used for tuning.",
     ),
     "no limit": (
         dict(subject_to=["rms(y)"]),

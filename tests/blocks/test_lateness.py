@@ -361,5 +361,5 @@ def test_a_dead_time_breaks_no_algebraic_loop():
 
 
 def test_locating_switches_does_not_go_with_a_dead_time():
-    with pytest.raises(RunError, match=r"locate=True does not go with a transport delay \(late\.past\)"):
+    with pytest.raises(RunError, match=r"locate=True does not support a transport delay \(late\.past\)"):
         out(behind(DeadTime()), locate=True)

@@ -386,7 +386,7 @@ def test_refuses_fractions_that_are_none():
 
 def test_refuses_matrices_that_do_not_fit():
     cls = StateSpace
-    fit = "as the other matrices have it, got rows of length"
+    fit = "to match the other matrices, got rows of length"
     refuses("StateSpace.A must be a list of rows, such as [[1, 0], [0, 1]].", cls, A=(1, 2))
     refuses("StateSpace.A must be square, got 2 rows of length 2, 1.", cls, A=((0, 1), (2,)))
     refuses("StateSpace.A must be square, got 1 row of length 2.", cls, A=((0, 1),))

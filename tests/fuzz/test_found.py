@@ -16,7 +16,7 @@ def test_a_run_whose_number_no_counter_holds(number, tmp_path):
     path = tmp_path / "results.csv"
     tsm.study(diagram, {"theta": [4.0]}, "rms(x_ref - x_out)", stop=0.1, step=0.005, out=path)
     path.write_text(path.read_text(encoding="utf-8").replace("\n0,", f"\n{number},"), encoding="utf-8")
-    with pytest.raises(TsmError, match=r"results\.csv:2: 3 columns are wanted, the first being the number of a run"):
+    with pytest.raises(TsmError, match=r"results\.csv:2: 3 columns are expected, the first being the number of a run"):
         tsm.read_study(path)
 
 

@@ -331,7 +331,7 @@ def the_rate_of_a_port_that_is_not_there():
     compiled(Mine)
 
 
-@mistake(EquationError, "mine: Mine.v is in the end its own rate: v of w of v.")
+@mistake(EquationError, "mine: Mine.v is its own rate: v of w of v.")
 def a_rate_of_itself():
     @block(register=False)
     class Mine(Block):

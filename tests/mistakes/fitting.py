@@ -197,7 +197,7 @@ def a_step_of_nothing_in_a_fit():
 
 @mistake(
     RunError,
-    "experiment 'rig': no step that divides the 0.01 s between samples suits the diagram: the sample period 0.00037 s of hold is not a multiple of the step 0.00015625 s. A step of 9.25e-05 s would do.",
+    "experiment 'rig': no step that divides the 0.01 s between samples is valid for the diagram: the sample period 0.00037 s of hold is not a multiple of the step 0.00015625 s. A step of 9.25e-05 s would do.",
 )
 def a_period_that_no_step_of_the_recording_divides():
     fit(uy(), of(hold=ZeroOrderHold(period=0.00037), lag=FirstOrderLag()))
@@ -306,7 +306,7 @@ def a_start_outside_its_bounds():
 
 @mistake(
     ParameterError,
-    "no values of the free parameters within their bounds meet all constraints. Where the search came from, gain > 2 is missed by 1.08; sum is missed by 0.42. Relax a constraint or a bound, or free more parameters.",
+    "no values of the free parameters within their bounds meet all constraints. At the starting point, gain > 2 is missed by 1.08; sum is missed by 0.42. Relax a constraint or a bound, or free more parameters.",
 )
 def constraints_that_exclude_each_other():
     fit(constraints={"": "gain > 2", "sum": "gain + abs(bias) < 0.5"})
@@ -314,7 +314,7 @@ def constraints_that_exclude_each_other():
 
 @mistake(
     ParameterError,
-    "no values of the free parameters within their bounds meet all constraints. Where the search came from, log(bias) > 1 is no number. Relax a constraint or a bound, or free more parameters.",
+    "no values of the free parameters within their bounds meet all constraints. At the starting point, log(bias) > 1 is no number. Relax a constraint or a bound, or free more parameters.",
 )
 def a_constraint_that_is_no_number_at_the_start():
     fit(constraints="log(bias) > 1")
@@ -322,7 +322,7 @@ def a_constraint_that_is_no_number_at_the_start():
 
 @mistake(
     RunError,
-    "method='ga' looks at random places, of which none meets the equality gain == 2 * bias. Write it as a tie, or take another method.",
+    "method='ga' samples random parameter sets, none of which meets the equality gain == 2 * bias. Write it as a tie, or use another method.",
 )
 def an_equality_for_the_genetic_route():
     fit(constraints="gain == 2 * bias", method="ga")
@@ -430,14 +430,14 @@ def a_limit_in_words():
     fit(iterations="many")
 
 
-@mistake(RunError, "segments=5 (multiple shooting) goes with method='ipopt', not with 'gauss-newton'.")
+@mistake(RunError, "segments=5 (multiple shooting) needs method='ipopt', got 'gauss-newton'.")
 def pieces_for_another_method():
     fit(segments=5)
 
 
 @mistake(
     RunError,
-    "multiple shooting does not go with transport delays (late.past): what lies in a delay cannot be a start state. Use one segment.",
+    "multiple shooting does not support transport delays (late.past): the content of a delay cannot be an initial state. Use one segment.",
 )
 def pieces_of_a_delay():
     fit(uy(), of(late=Delay(time=0.1), lag=FirstOrderLag()), method="ipopt", segments=3)
@@ -499,7 +499,7 @@ class Root(Block):
 
 @mistake(
     RunError,
-    "the search ended where the slope of the outputs along root.k is no number, as that of a square root at zero. Start elsewhere, or bound it away.",
+    "the search ended where the derivative of the outputs with respect to root.k is not finite, as for a square root at zero. Start elsewhere, or exclude this value by a bound.",
 )
 def an_end_at_an_infinite_slope():
     fit(uy(y=0 * U), of(root=Root()), starts=1)
@@ -524,7 +524,7 @@ class Ordered(Block):
 
 @mistake(
     ParameterError,
-    "the fit ended where a block refuses its numbers: line: Ordered needs a < b, got a=3, b=1. A constraint would keep it away from there.",
+    "the fit ended where a block refuses its parameters: line: Ordered needs a < b, got a=3, b=1. Exclude them by a constraint.",
 )
 def an_end_that_a_block_refuses():
     fit(uy(y=3 * U + 1), of(line=Ordered()), starts=1)
@@ -548,7 +548,7 @@ def a_difference_is_misspelt():
     tsm.score(SHEATH, rig())["rigg"]
 
 
-@mistake(DataError, "'x_out' may be the difference one.x_out or two.x_out. Say which.")
+@mistake(DataError, "'x_out' may be the difference one.x_out or two.x_out. Give the full name.")
 def a_difference_that_may_mean_two():
     tsm.score(SHEATH, [rig("one"), rig("two")])["x_out"]
 

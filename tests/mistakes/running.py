@@ -215,7 +215,10 @@ def a_step_longer_than_the_run():
     simulate(position_loop(), stop=0.001, step=0.01)
 
 
-@mistake(RunError, "10000000001 instants of 9 signals would take 720 GB. Keep less: log='outputs', or every=1000.")
+@mistake(
+    RunError,
+    "10000000001 instants of 9 signals would take 720 GB. Keep fewer signals or instants: log='outputs', or every=1000.",
+)
 def a_run_too_long_to_keep():
     simulate(position_loop(), stop=1e6, step=1e-4)
 
@@ -438,7 +441,7 @@ def an_input_function_of_one_number():
 
 @mistake(
     DataError,
-    "input 'u': the function fails on an array of times, which it must take (use np.where in the place of if). ValueError: The truth value of an array with more than one element is ambiguous. Use a.any() or a.all()",
+    "input 'u': the function fails on an array of times, which it must take (use np.where instead of if). ValueError: The truth value of an array with more than one element is ambiguous. Use a.any() or a.all()",
     cause=True,
 )
 def an_input_function_that_fails():

@@ -126,7 +126,7 @@ def an_output_is_taken_for_an_input():
     DiagramError,
     """
 diagram 'position loop' (HERE) has 1 problem:
-  1. wire 'ref -> error': error (Sum) has 2 inputs, so say which. Known here: plus, minus.
+  1. wire 'ref -> error': error (Sum) has 2 inputs; name one of them. Known here: plus, minus.
 """,
 )
 def the_port_is_left_out_where_there_are_two():
@@ -342,7 +342,7 @@ def an_output_named_like_an_input():
 diagram 'position loop' (HERE) has 4 problems:
   1. wire 'ref -> error.pluss': error (Sum) has no input 'pluss'. Did you mean 'plus'?
   2. wire 'errer -> pid' names block 'errer', which is not in blocks. Did you mean 'error'?
-  3. wire 'ref -> error': error (Sum) has 2 inputs, so say which. Known here: plus, minus.
+  3. wire 'ref -> error': error (Sum) has 2 inputs; name one of them. Known here: plus, minus.
   4. output 'angle' names block 'moter', which is not in blocks. Did you mean 'motor'?
 """,
 )
@@ -685,7 +685,7 @@ def a_loop_of_sums_alone():
 
 @mistake(
     NotFinite,
-    "the algebraic loop error.y -> k.y -> error.y is singular at t = 0 s: its loop gain is 1, so it has no solution, or any. Change a gain, or break it with a block that has a state (a lag, an integrator).",
+    "the algebraic loop error.y -> k.y -> error.y is singular at t = 0 s: its loop gain is 1, so it has no solution, or infinitely many. Change a gain, or break it with a block that has a state (a lag, an integrator).",
 )
 def a_loop_with_a_gain_of_one():
     blocks = dict(ref=Sine(), error=Sum(signs="++"), k=Gain(gain=1.0))
