@@ -2,7 +2,7 @@
 
 An inverted pendulum was recorded while a controller balanced it; the plant alone is identified. With initial
 parameters that are far off, a simulation of the whole record diverges, and no search converges from there. Twenty
-segments, each with an initial state of its own, stay near the measurement until they join.
+segments, each with its own initial state, stay near the measurement until they join.
 """
 
 import tsmblocks as tsm

@@ -442,11 +442,11 @@ REFUSED = {
     ),
     "samples": (
         lambda: trim(line(UnitDelay(period=0.1))),
-        "b of 'line' acts at instants of its own (samples, or "
+        "b of 'line' acts at its own instants (samples, or "
         "memory from step to step, as a backlash has it), so its rates do not determine an equilibrium. Replace or "
         "remove it first: diagram.remove('b').",
     ),
-    "memory": (lambda: trim(line(RateLimit())), "b of 'line' acts at instants of its own"),
+    "memory": (lambda: trim(line(RateLimit())), "b of 'line' acts at its own instants"),
     "dead time": (
         lambda: linearize(line(DeadTime(time=0.2))),
         "'line' has dead times (0.2 s), which no state space holds. Give pade=3 for an approximation of third order.",

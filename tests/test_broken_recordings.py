@@ -203,7 +203,7 @@ BROKEN = {
         "the names of fields do not fit their length",
     ),
     "fields of half a length": (matrix(2, LENGTH, element(1, b"abc")), "the names of fields do not fit their length"),
-    "numbers for an array": (matrix(1, TWO, TWO), "type 9 stands where an array is due"),
+    "numbers for an array": (matrix(1, TWO, TWO), "type 9 is found where an array is expected"),
     "an element beyond the end": (struct.pack("<II", 14, 1 << 30) + bytes(64), "is cut off"),
     "sparse places beyond the size": (
         matrix(5, element(5, struct.pack("<2i", 0, 1 << 30)), element(5, struct.pack("<2i", 0, 2)), TWO),
@@ -215,7 +215,10 @@ BROKEN = {
     "a cell that ends within an element": (matrix(1, bytes(4), size=(1, 1)), "ends within an element"),
     "flags of another size": (element(14, element(6, bytes(4))), "flags of an array have another size"),
     "a text longer than its size": (matrix(4, element(16, b"abc"), size=(1, 2)), "a text is longer than its size"),
-    "an object of other names": (matrix(3, element(9, bytes(8))), "type 9 and 8 bytes stands where data are due"),
+    "an object of other names": (
+        matrix(3, element(9, bytes(8))),
+        "type 9 and 8 bytes is found where data are expected",
+    ),
     "a class of its own with half its names": (opaque(element(1, b"MCOS"), TWO), "type 9 and 16 bytes stands where"),
 }
 

@@ -185,7 +185,7 @@ def test_margins_of_sampled_loops_limit_a_search():
 REFUSED = {
     "memory": (
         lambda: linearize(pid_loop().insert("gap", Play(), before="p.u")),
-        "gap of 'pid' acts at instants of its own (samples, or memory from step to step, as a backlash has it)",
+        "gap of 'pid' acts at its own instants (samples, or memory from step to step, as a backlash has it)",
     ),
     "dead time": (
         lambda: linearize(pid_loop().insert("late", Delay(), before="p.u")),

@@ -325,5 +325,5 @@ def test_a_relay_inside_is_switched_too():
     )
     assert not np.any(run["y"][: np.searchsorted(t, 1.3)])
     assert set(run["y"][t > 1.4]) == {-1.0, 1.0}
-    with pytest.raises(RunError, match="r of 'relay' acts at instants of its own"):
+    with pytest.raises(RunError, match="r of 'relay' acts at its own instants"):
         tsm.trim(d)

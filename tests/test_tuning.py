@@ -234,7 +234,7 @@ def test_a_margin_that_no_gains_can_have_is_refused_with_its_reason():
             stop=5.0,
             step=5e-3,
         )
-    assert str(caught.value).startswith("phase_margin: b of 'late' acts at instants of its own")
+    assert str(caught.value).startswith("phase_margin: b of 'late' acts at its own instants")
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,7 @@ def with_held_outputs(
 def local_equations(
     diagram: Diagram, inputs: Mapping[str, float], t: float, *, sampled: bool = False
 ) -> LocalEquations:
-    """The equations at an instant. Raises RunError for blocks that act at instants of their own.
+    """The equations at an instant. Raises RunError for blocks that act at their own instants.
 
     With ``sampled``, sampled blocks are accepted, but not memory from step to step.
     """
@@ -148,7 +148,7 @@ def local_equations(
         names = [name for name in owners if name not in eq.sampled] if sampled else [*eq.sampled] or owners
         act, their, them = ("acts", "its", "it") if len(names) == 1 else ("act", "their", "them")
         lack = "there is no linear model in continuous time" if sampled else "its rates do not determine an equilibrium"
-        where = f"{', '.join(names[:4])} of '{diagram.title}' {act} at instants of {their} own"
+        where = f"{', '.join(names[:4])} of '{diagram.title}' {act} at {their} own instants"
         raise RunError(
             f"{where} (samples, or memory from step to step, as a backlash has it), so {lack}. "
             f"Replace or remove {them} first: {_without(names[0])}."
@@ -243,8 +243,8 @@ def trim(
     Raises
     ------
     RunError
-        Where there is no equilibrium (the message names the state that still changes), for blocks that act at instants
-        of their own, and for unknown names.
+        Where there is no equilibrium (the message names the state that still changes), for blocks that act at their own
+        instants, and for unknown names.
     DataError
         For a value that is no finite number.
     ParameterError

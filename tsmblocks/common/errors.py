@@ -143,7 +143,7 @@ class NotFinite(RunError):
 
 
 def numbered(problems: Sequence[str]) -> str:
-    """``2 problems:`` and the list, each problem on lines of its own."""
+    """``2 problems:`` and the list, each problem on separate lines."""
     count = f"{len(problems)} problem{'s' if len(problems) != 1 else ''}"
     shown = [*problems[:MOST_PROBLEMS]]
     if len(problems) > MOST_PROBLEMS:

@@ -66,7 +66,7 @@ def polynomial_weights(away: np.ndarray) -> np.ndarray:
 
 
 def is_held(x: np.ndarray) -> bool:
-    """Whether a sampled signal (n,) stands still and then jumps, as the command of a sampled controller does.
+    """Whether a sampled signal (n,) is piecewise constant, as the command of a sampled controller is.
 
     A signal that alternates between rest and motion is not held: its travel is then made in consecutive samples. Steps
     of one size are those of a quantised motion, unless they come at multiples of a period.
@@ -112,7 +112,7 @@ def smooth_hold(t: np.ndarray, x: np.ndarray) -> str:
 def found_hold(t: np.ndarray, x: np.ndarray, order: int = 0) -> str:
     """The hold of a signal (n,), found from its samples at the times ``t`` [s].
 
-    ``"zero"`` where it stands still and then jumps (``is_held``), else as ``smooth_hold`` finds. ``order`` is the
+    ``"zero"`` where it is piecewise constant (``is_held``), else as ``smooth_hold`` finds. ``order`` is the
     highest time derivative that is needed, and the curve has that derivative.
     """
     if order == 0 and is_held(x):

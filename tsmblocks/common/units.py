@@ -1,6 +1,6 @@
 """Unit labels: their meaning, equality, and the factor between them.
 
-Labels only: quantities inside equations are plain numbers in the unit of their port. Radian is a dimension of its own,
+Labels only: quantities inside equations are plain numbers in the unit of their port. Radian is a separate dimension,
 which it is not in general unit libraries: a wire that joins ``rad`` to ``1``, or ``rad/s`` to ``1/s``, is an error.
 """
 

@@ -33,8 +33,8 @@ _RATE_OF = {"x": "dx", "loop": "rate"}
 class Evaluator:
     """Expressions of all signals, either between samples (``held``) or at a sample instant.
 
-    Between samples the outputs of sampled blocks are symbols, the values held; at a sample instant they are computed
-    anew. ``share`` is an evaluator whose symbols this one uses, so that the expressions of both belong together.
+    Between samples the outputs of sampled blocks are symbols, the values held; at a sample instant they are recomputed.
+    ``share`` is an evaluator whose symbols this one uses, so that the expressions of both belong together.
 
     ``value`` holds the nodes that have been formed, ``tears`` those at which loops are torn; with ``refuse`` a loop is
     an error. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and their derivatives, ``q`` of the past of

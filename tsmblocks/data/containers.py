@@ -142,7 +142,7 @@ def _refuse_large_numpy(path: Path, file: Any) -> None:
 
 
 def open_npy(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
-    """The columns (or rows) of the one matrix in an NPY file, which has no names of its own."""
+    """The columns (or rows) of the one matrix in an NPY file, which contains no names."""
     found = _in_group(str(path), _numpy_arrays(path, "NPY"), group)
     return _matrix(str(path), {k: v for k, a in found.items() if (v := _real_array(a)) is not None}, columns)
 

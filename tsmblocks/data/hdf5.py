@@ -103,7 +103,7 @@ class _Content:
             return OBJECT
         if hasattr(item, "items"):
             return self._structure(dict(self.members(item)), depth)
-        if not hasattr(item, "shape"):  # a type of its own
+        if not hasattr(item, "shape"):  # a named type
             return OBJECT
         if item.attrs.get("MATLAB_empty", 0):
             return "" if kind == "char" else np.empty(0)

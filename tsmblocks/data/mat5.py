@@ -93,7 +93,7 @@ class _Part:
         """Number of items and bytes of the next element, which holds data (of one of these types)."""
         kind, body = self.element()
         if kind not in (kinds or ITEM_BYTES) or len(body.content) % ITEM_BYTES[kind]:
-            raise _Wrong(f"an element of type {kind} and {len(body.content)} bytes stands where data are due")
+            raise _Wrong(f"an element of type {kind} and {len(body.content)} bytes is found where data are expected")
         return len(body.content) // ITEM_BYTES[kind], body.content
 
     def integers(self, *kinds: int) -> tuple[int, ...]:
@@ -180,7 +180,7 @@ def _check_inner(part: _Part, count: int, depth: int) -> None:
     for _ in range(count):
         kind, inner = part.element()
         if kind != MATRIX:
-            raise _Wrong(f"an element of type {kind} stands where an array is due")
+            raise _Wrong(f"an element of type {kind} is found where an array is expected")
         _check_matrix(inner, depth + 1)
 
 

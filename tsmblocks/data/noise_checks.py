@@ -24,7 +24,7 @@ first-order noise and random walks and 4 for a smooth motion; chosen between the
 FAR_ABOVE = 2.0
 """Mean square over that of the fast noise, from which a smooth path is looked for. Chosen."""
 CLEAR_INCREMENTS = (3.0, 0.03)
-"""Mean square increments, less those of the fast noise, over its mean square and over all, from which they tell how
+"""Mean square increments, less those of the fast noise, over its mean square and over all, from which they show how
 smooth a path is. Chosen."""
 MIN_SMOOTH_SHARE = 0.02
 """Time in which a smooth path changes, as a share of the stretch, from which it is a motion. Chosen: smooth noise, as a

@@ -287,7 +287,7 @@ class Record(SignalViews):
         """Whether the samples are evenly spaced (no step off by more than 1 %)."""
         return grid.is_even(self.t)
 
-    # ---- methods that are written in modules of their own, by subject
+    # ---- methods that are written in separate modules, by subject
 
     part, split = parts.part, parts.split
     period, periods = parts.period, parts.periods

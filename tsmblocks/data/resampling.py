@@ -29,7 +29,7 @@ def evenly_sampled(record: Record) -> Record:
 def resampled(self: Record, step: float | None = None) -> Record:
     """Return the record on an even grid.
 
-    Signals that stand still and jump are held from sample to sample, and jump at the nearest instant of the new grid;
+    Piecewise constant signals are held from sample to sample, and jump at the nearest instant of the new grid;
     others are interpolated by a cubic spline or linearly, whichever predicts samples better from their neighbours. When
     the new step is longer, a zero-phase low-pass at 0.7 of the new Nyquist frequency precedes it against aliasing.
 

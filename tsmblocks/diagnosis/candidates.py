@@ -22,7 +22,7 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
 SPECTRAL_LINE_COUNT = 6
-"""Frequencies passed to effects that have one of their own. Chosen: an effect tries four to six of them."""
+"""Frequencies passed to effects that have a frequency. Chosen: an effect tries four to six of them."""
 MAX_SPECTRUM_SAMPLES = 4_000_000
 """Samples of the whole session from which its spectrum is not computed. Chosen: for memory, 32 MB a row."""
 REST_HALF_RANGE = 1e-12
@@ -51,7 +51,7 @@ class Candidate:
 
     @property
     def local(self) -> tuple[str, ...]:
-        """Full names of those with a value of their own in each experiment."""
+        """Full names of those with a separate value in each experiment."""
         return tuple(f"{self.block}.{k}" for k in self.effect.local)
 
     @property

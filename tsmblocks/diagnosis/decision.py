@@ -24,7 +24,7 @@ CONCENTRATED_SCATTERS = 10.0
 CONCENTRATED_RATIO = 5.0
 """How many times the largest loss of a block the largest gain has to be as well. Chosen: noise does both alike."""
 RIVAL_SHARE, RARE_SHARE = 0.25, 0.9
-"""Of a rare effect with sizes of its own in each experiment: share of what it removes that a significant effect with
+"""Of a rare effect with separate sizes in each experiment: share of what it removes that a significant effect with
 one size for all may remove, and share of the excess that it has to remove. Chosen: little, and nearly all."""
 MIN_SCATTER = 0.02
 """Scatter of the gains [noise variances] added to the measured one. Chosen: gains below it are of no interest."""
@@ -246,7 +246,7 @@ def _is_alone(
 ) -> bool:
     """Whether the best candidate may be a rare effect, whose gains are concentrated in a few blocks.
 
-    With sizes of its own in each experiment it imitates any few blocks of another effect: then it has to explain nearly
+    With separate sizes in each experiment it imitates any few blocks of another effect: then it has to explain nearly
     all, and no effect with one size for all may be significant that explains a part of it.
     """
     best, removed = ranking[0], before - ranking[0].loss

@@ -127,7 +127,7 @@ def diagnose(
     bounds : mapping of str to (float, float), optional
         Lower and upper bounds of parameters of the diagram, by name or pattern, as for ``tsm.fit``.
     local : iterable of str, optional
-        Names or patterns of parameters of the diagram with a value of their own in each experiment.
+        Names or patterns of parameters of the diagram with a separate value in each experiment.
     time_limit : float, optional
         Time [s] after which the search ends as after Ctrl-C; what was found by then is summarised. Default: none.
     progress : callable, optional

@@ -99,7 +99,7 @@ def insertion_points(
 
     Effects of an output are inserted in front of the blocks that were ``named`` before as well: their order matters
     where both have memory. Blocks named at an input come before all others, which read the signal behind them. A
-    measured drive (the voltage in a position loop) drives another output and is no output of its own. The wires that
+    measured drive (the voltage in a position loop) drives another output and is not itself an output. The wires that
     ``effects`` made for this diagram name are included.
     """
     found: list[InsertionPoint] = []

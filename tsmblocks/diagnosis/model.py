@@ -56,7 +56,7 @@ class ModelSettings:
     output, which residuals are divided by; ``step`` [s] is that of the simulation, None where it is still to be chosen;
     ``seed`` is that of random starting points. ``window`` is the part [s] of each experiment that is compared, None for
     all of it. ``bounds`` are those given for parameters of the base, by name or pattern; ``local`` are patterns of
-    those that have a value of their own in each experiment.
+    those that have a separate value in each experiment.
     """
 
     free: tuple[str, ...] | None

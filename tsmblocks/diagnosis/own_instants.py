@@ -14,7 +14,7 @@ import numpy as np
 from tsmblocks.fitting.column_space import ColumnSpace
 
 Shape = Mapping[str, float]
-"""Values by name of the parameter, ``name@experiment`` where an experiment has one of its own."""
+"""Values by name of the parameter, ``name@experiment`` where an experiment has a separate one."""
 SINGLE_PRECISION = 1e-6
 """Share of the sum of squares of a change that is rounding, in single precision. Chosen: ten times its resolution."""
 

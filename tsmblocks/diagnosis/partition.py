@@ -100,7 +100,7 @@ def _part(
     cut: Mapping[str, list[Link]],
     measured: Sequence[str],
 ) -> Part:
-    """One group of blocks as a diagram of its own."""
+    """One group of blocks as a separate diagram."""
     inputs, replaced = dict[str, Inlet](), {}
     for name, inlet in diagram.inputs.items():
         ports = [".".join(e) for e in diagram.inlets[name] if e[0] in blocks]

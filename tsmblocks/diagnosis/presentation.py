@@ -55,7 +55,7 @@ def unit_of(diagram: Diagram, parameter: str) -> str:
 def main_parameter(effect: NamedEffect, segment: Segment) -> str:
     """The parameter that gives the size of an effect: that of its detection limit, else the first.
 
-    Where each experiment has a value of its own, the largest one.
+    Where each experiment has a separate value, the largest one.
     """
     wanted, known = next((m.parameter for m in segment.limits if m.name == effect.name), ""), effect.parameters
     main = wanted if wanted in known else next(iter(known), "")
@@ -67,7 +67,7 @@ def main_parameter(effect: NamedEffect, segment: Segment) -> str:
 def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     """The measurable size of an effect in words: ``gap width 3.01 ± 0.02 deg``.
 
-    At most ``MAX_SIZES``. Where each experiment has a value of its own, the largest one; of an effect that defines no
+    At most ``MAX_SIZES``. Where each experiment has a separate value, the largest one; of an effect that defines no
     sizes its main parameter.
     """
     if not effect.sizes:

@@ -12,7 +12,7 @@ from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, ac
 from tsmblocks.diagnosis.model import Model
 
 MAX_OWN = 2
-"""Effects of time with sizes of their own in each experiment that are named, at most. Chosen: with three of them, any
+"""Effects of time with separate sizes in each experiment that are named, at most. Chosen: with three of them, any
 error that comes and goes is imitated."""
 SAME_LINE = 0.02
 """Relative distance of a frequency from a multiple of another one up to which they are one line. Chosen."""
@@ -64,7 +64,7 @@ def _harmonic(last: Model, one: FittedCandidate, other: FittedCandidate) -> bool
 
 
 def _has_own_instants(one: FittedCandidate) -> bool:
-    """Whether an effect is a sudden change at an instant of its own in each experiment."""
+    """Whether an effect is a sudden change at a separate instant in each experiment."""
     return bool(one.candidate.trials.refine) and one.candidate.trials.refine in one.candidate.effect.local
 
 

@@ -173,7 +173,7 @@ class _Screening:
 
     @property
     def owns_shapes(self) -> bool:
-        """Whether each experiment has a shape of its own."""
+        """Whether each experiment has a separate shape."""
         return self.candidate.trials.refine in self.candidate.effect.local
 
     def of_all(self, noise: np.ndarray) -> tuple[list[_ShapeTrial], list[_ShapeTrial]]:
@@ -218,7 +218,7 @@ class _Screening:
         changes = self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
         if not self.candidate.local:
             return self._sized_trials(shapes, changes, noise)
-        parts = np.split(changes, len(shapes), axis=1)  # one after another: an experiment has sizes of its own
+        parts = np.split(changes, len(shapes), axis=1)  # one after another: each experiment has separate sizes
         every = (
             self._sized_trials([one], self._by_experiment(part), noise) for one, part in zip(shapes, parts, strict=True)
         )
@@ -319,7 +319,7 @@ class _Screening:
 
     @property
     def _first_is_local(self) -> bool:
-        """Whether the first strength has a value of its own in each experiment."""
+        """Whether the first strength has a separate value in each experiment."""
         return next(iter(self.candidate.trials.strengths), "") in self.candidate.effect.local
 
     def _sizes(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:

@@ -65,7 +65,8 @@ def _frequencies(scales: Scales) -> tuple[list[float], list[float], float, float
 def _resonance_trials(scales: Scales) -> Trials:
     lines, grid, slowest, fastest = _frequencies(scales)
     shapes = tuple({"omega": omega, "zeta": zeta} for omega in (*lines, *grid) for zeta in (0.05, 0.3))
-    # An oscillator with a large initial state and a small share would be a source of its own: it starts at the signal.
+    # An oscillator with a large initial state and a small share would act as an independent source: it starts at the
+    # signal.
     wire = scales.wire
     begins = {"swing": (wire.low - wire.reach, wire.high + wire.reach), "rate": (-wire.fastest, wire.fastest)}
     return Trials({"share": 1.0}, shapes, bounds={"omega": (slowest, 1.5 * fastest), "zeta": (0.01, NO_PEAK), **begins})

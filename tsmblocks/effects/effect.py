@@ -71,7 +71,7 @@ class Effect:
     below : tuple of str, default ()
         Parameters that must not be at their upper bound for the name to hold.
     local : tuple of str, default ()
-        Parameters with a value of their own in each experiment: strengths of its trials, and what these refine.
+        Parameters with a separate value in each experiment: strengths of its trials, and what these refine.
     adds : callable, optional
         For the wire of one diagram: what else changes, a function from the diagram with the block in it, and the
         block's name, to a diagram.

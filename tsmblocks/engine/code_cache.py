@@ -59,7 +59,7 @@ def user_directory() -> Path | None:
 def cache_directory() -> Path | None:
     """Directory of cached machine code; None when switched off with ``TSMBLOCKS_CACHE=off``.
 
-    ``TSMBLOCKS_CACHE`` may name another directory, in which the cache has a folder of its own.
+    ``TSMBLOCKS_CACHE`` may name another directory, in which the cache has its own folder.
     """
     if os.environ.get("TSMBLOCKS_CACHE", "") == "off":
         return None

@@ -146,7 +146,7 @@ def _key(name: str) -> str:
 
 
 def _section(header: str, entries: list[Entry], always: bool = False) -> Iterator[str]:
-    """Yield a section: tables that fit on one line are written so, the others as sections of their own."""
+    """Yield a section: tables that fit on one line are written so, the others as separate sections."""
     inside: list[str] = []
     apart: list[Entry] = []
     for name, pairs in entries:

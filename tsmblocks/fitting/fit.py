@@ -88,7 +88,7 @@ def fit(
     start : dict of str to float, optional
         Values to start from in place of those of the diagram.
     local : list of str, optional
-        Parameters with a value of their own in each experiment.
+        Parameters with a separate value in each experiment.
     start_states : bool, default False
         Estimate the initial state of every state in each experiment.
     constraints : str, list of str or dict of str to str, optional
@@ -125,7 +125,7 @@ def fit(
         Runge-Kutta method.
     hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
         Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
-        zero-order hold where an input stands still and then jumps, else straight lines or a cubic spline.
+        zero-order hold where an input is piecewise constant, else linear or a cubic spline.
     progress : callable, optional
         Called as ``progress(stage, evaluations, rms)`` during the search.
     backend : {"", "llvm", "casadi"}

@@ -16,7 +16,7 @@ from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.runs import LANES
 
 MUTATION, CROSSOVER = (0.3, 0.8), 0.2
-"""Differential weight, drawn anew for each generation, and crossover probability (no unit).
+"""Differential weight, redrawn for each generation, and crossover probability (no unit).
 
 Chosen: of 16 pairs, these find the optimum of the test functions in tests/test_fit_genetic.py from most seeds.
 """

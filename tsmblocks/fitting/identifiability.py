@@ -54,7 +54,7 @@ def sizes(theta: np.ndarray, start: np.ndarray, low: np.ndarray, high: np.ndarra
     """Change of each parameter that counts as all of it, shape (p,).
 
     It is the larger of what was found (``theta``) and where the search began (``start``). A parameter that
-    began at zero has no size of its own: half its bounds where there are two, else one unit.
+    began at zero has no size: half its bounds where there are two, else one unit.
     """
     theta, start, half = np.abs(theta), np.abs(start), (np.asarray(high) - np.asarray(low)) / 2
     return np.maximum(theta, np.where(start > 0, start, np.where(np.isfinite(half), half, 1.0)))
@@ -232,7 +232,7 @@ class _Wording:
 
     def moves(self, v: np.ndarray, main: list[int]) -> tuple[dict[int, str], float]:
         """What each parameter of ``main`` does along ``v``, the largest step being 1 % of what was found; and how many
-        hundredths of ``v`` that is. A parameter that was found near zero moves by a number of its own.
+        hundredths of ``v`` that is. A parameter that was found near zero moves by an absolute amount.
         """
         step = np.abs(v * self.scales)
         known = [i for i in main if abs(self.theta[i]) >= NEAR_ZERO * self.scales[i]]

@@ -109,7 +109,7 @@ class Jacobian:
         return attrs.evolve(self, common=self.common * factors[self.common_columns], own=own)
 
     def with_columns(self, kept: np.ndarray) -> Jacobian:
-        """Some of the columns, those marked in ``kept`` (n,), numbered anew in the same order."""
+        """Some of the columns, those marked in ``kept`` (n,), renumbered in the same order."""
         number = np.cumsum(kept) - 1
         chosen = [kept[columns] for columns in self.own_columns]
         own = np.zeros((len(self.own), max((int(mask.sum()) for mask in chosen), default=0)))

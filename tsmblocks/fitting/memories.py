@@ -26,7 +26,7 @@ PLACES = 9
 ZOOMS = 4
 """Halvings of the distance between places around the best one. Chosen: a memory may begin close to an edge."""
 MOST_ROUNDS = 3
-"""Searches after memories were placed anew, at most. Chosen: for the run time."""
+"""Searches after memories were moved, at most. Chosen: for the run time."""
 
 
 def placed(problem: Problem, theta: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Of all values that fit equally well, those nearest to the diagram's own: a search may end anywhere along a null
 direction.
 
-Some models have such directions by their structure (an offset behind a plant with an offset of its own), others with
+Some models have such directions by their structure (an offset behind a plant that has an offset), others with
 what was recorded. The step along them is the shortest in parameters divided by their sizes; initial states do not count
 there, since a diagram's own say nothing of a recording.
 """

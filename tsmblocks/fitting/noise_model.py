@@ -24,7 +24,7 @@ from tsmblocks.fitting.jacobian import Jacobian
 LONGEST = 10_000
 """Length of one dot product. Chosen: longer ones start threads of the library."""
 FEWEST = 40
-"""Samples below which a segment has no noise model of its own. Chosen."""
+"""Samples below which a segment has no separate noise model. Chosen."""
 ROUNDS = 10
 """Iterations at most between the noise model and the parameters. Chosen."""
 ENOUGH = 2e-3
@@ -317,7 +317,7 @@ def _order(parts: Sequence[np.ndarray], longest: int) -> int:
 
 
 def _tamed(model: ARModel, samples: int) -> ARModel:
-    """The same noise, dying out within four times its record: a record cannot tell slower noise from growing one."""
+    """The same noise, dying out within four times its record: slower noise is indistinguishable from growing noise."""
     limit = 1 - 0.25 / max(samples, 1)
     a = model.coefficients
     if _dies_out(a / limit ** np.arange(1, len(a) + 1)):

@@ -111,7 +111,7 @@ class Unknowns:
 
     @functools.cached_property
     def bases(self) -> np.ndarray:
-        """The numbers of each experiment that stay, with initial states of its own, shape (experiments, parameters)."""
+        """The numbers of each experiment that stay, with its own initial states, shape (experiments, parameters)."""
         made = np.repeat(self.base[None], len(self.experiments), axis=0)
         for e, own in enumerate(self.starts):
             for name, value in own.items():

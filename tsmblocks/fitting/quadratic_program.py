@@ -37,7 +37,7 @@ def quadratic_step(
 
     H is ``matrix`` (n, n), g ``gradient`` (n,), R ``rows`` (m, n), b ``bounds`` (m,); rows that are ``equal`` (m,) hold
     with equality, and multipliers of the others are at least 0. Without an active constraint this is the Newton step.
-    Otherwise DAQP (CasADi) finds the active set, on which the step is then solved for anew: near a singular H the
+    Otherwise DAQP (CasADi) finds the active set, on which the step is then solved for again: near a singular H the
     solver alone loses half of the digits. Raises Infeasible if no step meets all constraints.
     Source: Arnström, Bemporad and Axehill, IEEE Trans. Autom. Control 67 (2022) 4362 (DAQP).
     """

@@ -270,7 +270,7 @@ def score(
         Runge-Kutta method.
     hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
         Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
-        zero-order hold where an input stands still and then jumps, else straight lines or a cubic spline.
+        zero-order hold where an input is piecewise constant, else linear or a cubic spline.
     backend : {"", "llvm", "casadi"}
         Machine code or CasADi's evaluator; by default machine code where llvmlite is installed.
 

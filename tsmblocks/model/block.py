@@ -84,7 +84,7 @@ class Block:
     Parameters
     ----------
     *_, **__ : object
-        Fields, by keyword: a class made by ``block`` has a constructor of its own.
+        Fields, by keyword: a class made by ``block`` has its own constructor.
 
     Raises
     ------

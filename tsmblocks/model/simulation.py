@@ -107,7 +107,7 @@ class Simulation:
         Returns
         -------
         float or None
-            The step in s: the finest one for a recording that has none of its own, None where no step is known.
+            The step in s: the finest one for a recording without one, None where no step is known.
         """
         if not isinstance(self.step, Mapping):
             return self.step

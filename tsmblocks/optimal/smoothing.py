@@ -14,7 +14,7 @@ from tsmblocks.engine.program import Program
 
 @attrs.frozen(eq=False)
 class Smooth:
-    """A function in which every kink is smoothed over a width of its own.
+    """A function in which every kink is smoothed over its own width.
 
     ``function`` takes the arguments of the exact one and, last, the ``count`` widths: at 0 it is the exact one.
     ``kinks`` takes the same arguments and gives those of the operations with a kink, which is at zero, shape (count,).

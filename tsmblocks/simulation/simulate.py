@@ -67,7 +67,7 @@ def simulate(
         or a function of an array of times. Values are in the unit of the input.
     hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
         Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
-        zero-order hold where an input stands still and then jumps, else straight lines or a cubic spline.
+        zero-order hold where an input is piecewise constant, else linear or a cubic spline.
     parameters : dict of str to float, optional
         Values by name that replace those of the diagram.
     initial : dict of str to float or SavedState, optional

@@ -1,4 +1,4 @@
-"""The bench on which an effect is checked: alone, driven by signals of its own."""
+"""The bench on which an effect is checked: alone, driven by test signals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP, DURATION = 0.01, 6.0
 
 @attrs.frozen(eq=False)
 class Bench:
-    """An effect alone, driven by signals of its own, scaled in ``size`` and drawn out in time by ``slow``."""
+    """An effect alone, driven by test signals, scaled in ``size`` and drawn out in time by ``slow``."""
 
     effect: Effect
     size: float = 1.0

@@ -78,7 +78,7 @@ def tune(
         Inputs of the diagrams, as for ``simulate``.
     hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
         Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
-        zero-order hold where an input stands still and then jumps, else straight lines or a cubic spline.
+        zero-order hold where an input is piecewise constant, else linear or a cubic spline.
     starts, seed : int, defaults 4 and 0
         Number of searches, and seed of the random sets.
     threads : int, optional
