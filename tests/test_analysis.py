@@ -497,7 +497,7 @@ REFUSED = {
     ),
     "no wire": (lambda: loop_gain(pi_loop(), "e -> g"), "at='e -> g': there is no wire 'e.y -> g.u'."),
     "no block": (lambda: loop_gain(pi_loop(), "f.y"), "at='f.y' names block 'f'"),
-    "no listener": (lambda: opened(line(Gain()), "b"), "at='b': no wire begins there, so there is nothing to open."),
+    "no listener": (lambda: opened(line(Gain()), "b"), "at='b': no wire begins there."),
     "taken": (lambda: opened(opened(pi_loop(), "e"), "c"), "'pi' has an input 'cut' already."),
     "moving": (
         lambda: trim(line(TransferFunction(num=(1.0,), den=(1.0, 0.0))), inputs={"u": 1.0}),

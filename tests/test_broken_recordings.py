@@ -370,7 +370,7 @@ def test_links_that_lead_nowhere(hdf5):
     def fill(h5py, file):
         file["x_out"] = h5py.SoftLink("/lost")
 
-    assert refusal(hdf5("a.mat", fill)) == "a.mat: 'x_out' is a link to what is not in the file."
+    assert refusal(hdf5("a.mat", fill)) == "a.mat: 'x_out' is a link to an item that is not in the file."
 
 
 @pytest.mark.parametrize("group", [False, True])
@@ -408,7 +408,7 @@ def test_what_a_file_announces_is_measured_before_it_is_read(name, hdf5):
         file.create_dataset("x_out", (10**7, 10**7), "f8", chunks=(1000, 1000), fillvalue=1.0)
 
     said = refusal(hdf5(name, fill))
-    assert said.startswith(f"{name}: what it holds up to '/x_out' (10000000, 10000000) would take 800,000 GB of memory")
+    assert said.startswith(f"{name}: its content up to '/x_out' (10000000, 10000000) would take 800,000 GB of memory")
 
 
 def test_names_that_are_not_utf_8(hdf5):

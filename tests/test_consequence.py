@@ -72,7 +72,7 @@ def test_what_cannot_be_tracked_says_why():
     )
     two = model(base)
     two.setup.outputs = ("x_out", "u")
-    assert consequence(two, two) == "Tracking was not simulated: that takes one input and one output."
+    assert consequence(two, two) == "Tracking was not simulated: this requires one input and one output."
     back = base.with_parameters({"gain.gain": -1.0})
     assert consequence(model(back), model(back)) == (
         "Tracking was not simulated: the loop around the model, which forms the compensator, is unstable."

@@ -217,7 +217,8 @@ def test_repeated_rows_far_apart_beside_their_neighbours_are_told(file):
     note = repeated(file, np.arange(80.0), slow)[0]
     assert 31 / usual > 5
     assert (
-        f"their values up to 31 apart (y, row 33, {31 / usual:.0f} times what neighbouring samples differ by)" in note
+        f"their values up to 31 apart (y, row 33, {31 / usual:.0f} times the difference of neighbouring samples)"
+        in note
     )
 
 

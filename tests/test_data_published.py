@@ -35,7 +35,7 @@ TENDON = {
         513,
         [
             "1813 rows repeated the time of the row before (rows 2, 3, 5, 6, 7, …), their values up to 2.97 deg apart "
-            "(x_out, row 688, 6 times what neighbouring samples differ by); each group was replaced by its "
+            "(x_out, row 688, 6 times the difference of neighbouring samples); each group was replaced by its "
             "mean, leaving "
             "513 of 2326 samples."
         ],
@@ -45,7 +45,7 @@ TENDON = {
         511,
         [
             "1814 rows repeated the time of the row before (rows 2, 3, 4, 6, 7, …), their values up to 2.03 deg apart "
-            "(x_out, row 1297, 5 times what neighbouring samples differ by); each group was replaced by its "
+            "(x_out, row 1297, 5 times the difference of neighbouring samples); each group was replaced by its "
             "mean, leaving "
             "511 of 2325 samples."
         ],
@@ -55,7 +55,7 @@ TENDON = {
         514,
         [
             "1821 rows repeated the time of the row before (rows 2, 3, 4, 6, 7, …), their values up to 2.21 deg apart "
-            "(x_out, row 1871, 7 times what neighbouring samples differ by); each group was replaced by its "
+            "(x_out, row 1871, 7 times the difference of neighbouring samples); each group was replaced by its "
             "mean, leaving "
             "514 of 2335 samples."
         ],
@@ -66,7 +66,7 @@ TENDON = {
         [
             "7041 rows repeated the time of the row before (rows 2, 12, 23, 27, 35, …), their values up to "
             "0.0325 apart "
-            "(f1, row 38207, 118 times what neighbouring samples differ by); each group was replaced by its "
+            "(f1, row 38207, 118 times the difference of neighbouring samples); each group was replaced by its "
             "mean, leaving "
             "31214 of 38255 samples.",
             "Samples are missing in 160 places. The longest lasts 3.0 usual steps, before row 29311 (from 16.3675 s to "
@@ -83,7 +83,7 @@ TENDON = {
             "as requested.",
             "3060 rows repeated the time of the row before (rows 3, 17, 23, 28, 39, …), their values up to "
             "2.08 deg apart "
-            "(x_out, row 22963, 20 times what neighbouring samples differ by); each group was replaced by its "
+            "(x_out, row 22963, 20 times the difference of neighbouring samples); each group was replaced by its "
             "mean, leaving"
             " 23268 of 26328 samples.",
             f"Samples are missing in 128 places. The longest lasts 3.0 usual steps, before row 15398 (from 8.833 s to "

@@ -222,7 +222,9 @@ def test_the_end_of_a_path_will_do_where_it_is_the_only_one(mat):
     path = mat(a=dict(t=T, x=X, y=Y), b=dict(x=Y))
     assert read(path, only=["y"]).names == ("y",)
     assert read(path, map={"u": "y"}).names == ("a/x", "u", "b/x")
-    assert refusal(path, map={"u": "x"}) == (f"{path}: 'u' is mapped to column 'x', but 2 end like that: a/x, b/x.")
+    assert refusal(path, map={"u": "x"}) == (
+        f"{path}: 'u' is mapped to column 'x', but 2 columns end like that: a/x, b/x."
+    )
     assert refusal(path, map={"u": "z"}).startswith(f"{path}: 'u' is mapped to column 'z', which is not there.")
 
 

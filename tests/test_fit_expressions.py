@@ -163,7 +163,7 @@ def test_expressions_mean_what_python_means(text):
     [
         ("alpa1 + 1", marked("there is no parameter 'alpa1'. Did you mean 'tsm.alpha1'?", "alpa1 + 1", "^^^^^")),
         ("1 + thet", marked("there is no parameter 'thet'. Did you mean 'tsm.theta'?", "1 + thet", "    ^^^^")),
-        ("2*k", marked("'k' may mean left.k or right.k. Say which.", "2*k", "  ^")),
+        ("2*k", marked("'k' may mean left.k or right.k. Give the full name.", "2*k", "  ^")),
         ("B + é*A", marked("there is no parameter 'é'." + CHOICES, "B + é*A", "    ^")),
         ("exp", marked("there is no parameter 'exp'." + CHOICES, "exp", "^^^")),
         ("A.imag", marked("there is no parameter 'A.imag'." + CHOICES, "A.imag", "^^^^^^")),
@@ -389,7 +389,7 @@ def test_ties_without_a_circle_can_always_be_ordered(order, random):
         ({"alpha1": "B", "tsm.alpha1": "A"}, [], "ties: 'tsm.alpha1' is tied twice."),
         ({"theta": "2*A"}, ["tsm.theta"], "ties: 'tsm.theta' is free in this fit, so it cannot be tied to '2*A'."),
         ({"thet": "A"}, [], "ties: there is no parameter 'thet'. Did you mean 'tsm.theta'?"),
-        ({"k": "A"}, [], "ties: 'k' may mean left.k or right.k. Say which."),
+        ({"k": "A"}, [], "ties: 'k' may mean left.k or right.k. Give the full name."),
         ({"A": "C"}, [], "tie of 'tsm.A': " + marked("there is no parameter 'C'." + CHOICES, "C", "^")),
         (
             {"A": "B > 1"},
@@ -411,5 +411,5 @@ def test_a_name_with_many_meanings_lists_some():
     with pytest.raises(ParameterError) as caught:
         expression("k", [f"b{i}.k" for i in range(9)])
     assert str(caught.value) == "expression: " + marked(
-        "'k' may mean b0.k or b1.k or b2.k or 6 more. Say which.", "k", "^"
+        "'k' may mean b0.k or b1.k or b2.k or 6 more. Give the full name.", "k", "^"
     )

@@ -472,7 +472,7 @@ def test_the_state_of_bouc_wen_has_no_size_of_its_own():
     words, _, rest = only.words.partition(" changes the outputs by ")
     assert words == (
         "tsm.alpha_zeta and tsm.A only matter through a combination: raising tsm.alpha_zeta by 1 % "
-        "while raising tsm.A by 1 % (and tsm.beta and tsm.gamma by far less)"
+        "while raising tsm.A by 1 % (and tsm.beta and tsm.gamma by much smaller amounts)"
     )
     assert rest.endswith(" of the residual.")
 

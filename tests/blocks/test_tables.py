@@ -198,7 +198,7 @@ def test_refuses_what_does_not_go_together():
     )
     refuses(
         "LookupTable.outside is 'extnd', which is not a choice. Did you mean 'extend'? "
-        "It is: what happens beyond the points.",
+        "It is: extrapolation beyond the points.",
         LookupTable,
         outside="extnd",
     )

@@ -351,7 +351,7 @@ def linear_without_an_output():
     tsm.linearize(Diagram(title="gain", blocks=dict(k=Gain()), inputs={"u": "k"}))
 
 
-@mistake(RunError, "at='ref -> error.plus': this wire is in no loop, so there is nothing to open.")
+@mistake(RunError, "at='ref -> error.plus': this wire is not part of a loop.")
 def a_loop_opened_where_there_is_none():
     analysis.loop_gain(position_loop(), "ref -> error.plus")
 

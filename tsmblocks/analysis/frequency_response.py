@@ -205,7 +205,7 @@ def frequency_response(
     Raises
     ------
     RunError
-        For what is no input or output, and where the period of a sampled block is no multiple of the step.
+        For an unknown input or output, and where the period of a sampled block is no multiple of the step.
 
     Warns
     -----

@@ -179,7 +179,7 @@ def opened_loop(diagram: Diagram, at: str, *, point: Point | Run | None = None, 
     diagram = as_diagram(diagram)
     cut, links = without_rounding(opened(diagram, at)), _links(diagram, at)
     if not _is_loop(diagram, links):
-        raise RunError(f"at='{at}': this wire is in no loop, so there is nothing to open.")
+        raise RunError(f"at='{at}': this wire is not part of a loop.")
     outputs = {**diagram.outputs, CUT_OUTPUT: ".".join(links[0].source)}
     closed, x = equations_at("point", point, without_rounding(diagram).rewire(outputs=outputs))
     whole_point = point_at(closed, x, closed.u[closed.places])
@@ -328,5 +328,5 @@ def _links(diagram: Diagram, at: str) -> list[Link]:
         raise RunError(fault_sentence(f"at='{at}'", fault)) from None
     links = [link for link in diagram.links if link.source == source]
     if not links:
-        raise RunError(f"at='{at}': no wire begins there, so there is nothing to open.")
+        raise RunError(f"at='{at}': no wire begins there.")
     return links

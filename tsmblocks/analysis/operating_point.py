@@ -47,7 +47,7 @@ class Point:
     units : dict of str to str, optional
         Unit labels of signals.
     memory : dict of str to float, optional
-        Memory of sampled blocks and their held outputs, by name; what is not given is as at the start.
+        Memory of sampled blocks and their held outputs, by name; the others are as at the start.
     parameters : dict of str to float, optional
         Parameters that ``trim`` was free to choose.
     """
@@ -299,7 +299,7 @@ def _where_to_start(idle: list[str]) -> str:
 
 @attrs.frozen
 class _Unknowns:
-    """What a search may choose: states, inputs and parameters by name, with their own values; ``held`` states not."""
+    """The unknowns of a search: states, inputs and parameters by name, with their own values; ``held`` states not."""
 
     eq: Equations
     held: Mapping[str, float]

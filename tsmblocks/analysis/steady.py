@@ -19,7 +19,7 @@ def without_rounding(diagram: Diagram) -> Diagram:
 
 
 def switched_as_they_are(diagram: Diagram, memory: Mapping[str, float] | None = None, prefix: str = "") -> Diagram:
-    """The diagram with parts switched on or off for good, which needs no memory.
+    """The diagram with parts permanently switched on or off, which needs no memory.
 
     Outputs of parts that are off are constants: as ``memory``, by name, has them.
     """

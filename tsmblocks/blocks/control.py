@@ -20,7 +20,7 @@ class HysteresisObserver(Block):
     .. math:: \dot{\hat\zeta} = A v - \vartheta |v| \hat\zeta + \delta |v|
 
     The paper prints it without the dot on the left. The paper drives it with the rate of the reference; driven
-    with the measured rate of the motor it estimates better, because that is what moves the plant.
+    with the measured rate of the motor it estimates better, because the motor moves the plant.
     """
 
     source = "Paper, Eq (12), Fig. 7"

@@ -214,7 +214,9 @@ class DahlHysteresis(Block):
 
     alpha_x: float = parameter(default=0.92295, about="slope of the transmission, stretch apart")
     rho: float = parameter(default=0.8745, about="share of the travel lost just after rest; 0: no loop", at_least=0.0)
-    half_width: float = parameter(default=0.17372, about="stretch after long travel one way", unit="rad", above=0.0)
+    half_width: float = parameter(
+        default=0.17372, about="stretch after long travel in one direction", unit="rad", above=0.0
+    )
 
     x = Input("displacement at the motor end", unit="rad")
     v = Input("its rate", unit="rad/s", rate_of="x")

@@ -98,12 +98,12 @@ class TriggeredHold(Block):
     initial: float = parameter(default=0.0, about="output before the first trigger", unit="?u")
     u = Input("any signal", unit="?u")
     trigger = Input("takes the value as it rises above 0.5")
-    y = Output("the value that was taken", unit="?u")
+    y = Output("the sampled value", unit="?u")
 
     @property
     def states(self) -> dict[str, State]:
         about = "1 while the trigger is above 0.5"
-        return {"held": State(self.initial, "the value that was taken", "?u"), "armed": State(0.0, about, "1")}
+        return {"held": State(self.initial, "the sampled value", "?u"), "armed": State(0.0, about, "1")}
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         taken = ca.if_else(x.armed < TRUE, u.u, x.held)

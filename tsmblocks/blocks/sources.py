@@ -69,7 +69,7 @@ class Step(Block):
     before: float = parameter(default=0.0, about="value before the jump", unit="?y")
     after: float = parameter(default=1.0, about="value from the jump on", unit="?y")
     unit: str = option(default="", about=UNIT)
-    y = Output("the value that holds now", unit="?y", unit_option="unit")
+    y = Output("the present value", unit="?y", unit_option="unit")
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=ca.if_else(t + ROUNDING * ca.fabs(t) >= self.time, self.after, self.before))

@@ -31,8 +31,10 @@ class Enable(Block):
     symbol = "enable"
     switches = "enable"
 
-    restart: str = option(default="hold", about="what states do when switched on again", choices=("hold", "reset"))
-    while_off: str = option(default="hold", about="what outputs do while off", choices=("hold", "reset"))
+    restart: str = option(
+        default="hold", about="states when switched on again: held or reset", choices=("hold", "reset")
+    )
+    while_off: str = option(default="hold", about="outputs while off: held or reset", choices=("hold", "reset"))
     initial: tuple[float, ...] = parameter(default=(), about=INITIAL, known=True)
     u = Input("above 0.5 the diagram is on")
     on = Output("1 while it is on, else 0", unit="1")

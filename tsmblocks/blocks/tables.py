@@ -15,7 +15,7 @@ Rows = tuple[tuple[float, ...], ...]
 """A matrix: one tuple of numbers for each row."""
 DEGREE = 3
 """Degree of the smooth curves: the lowest whose curvature has no jumps."""
-BEYOND = "what happens beyond the points"
+BEYOND = "extrapolation beyond the points"
 CURVE = "lines between the points, or a smooth curve"
 
 

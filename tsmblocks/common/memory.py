@@ -1,4 +1,4 @@
-"""The memory that a program may take, and the refusal of what is too large for it before it is made."""
+"""The memory that a program may take, and an error for larger data before they are made."""
 
 from __future__ import annotations
 

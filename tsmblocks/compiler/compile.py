@@ -69,7 +69,7 @@ def _reads(flat: FlatDiagram, evaluator: Evaluator) -> list[Any]:
 
 
 def _update(flat: FlatDiagram, between: Evaluator) -> tuple[Evaluator, list[Any]] | None:
-    """Memory and states after a sample instant, and what formed them; None when nothing is updated."""
+    """Memory and states after a sample instant, and the evaluator that formed them; None when nothing is updated."""
     if not (flat.d or flat.resets):
         return None
     evaluator = Evaluator(flat, held=False, refuse=between.refuse, share=between)

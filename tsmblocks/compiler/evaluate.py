@@ -133,7 +133,7 @@ class Evaluator:
         self.owner[symbol.element_hash()] = ("loop", node)
 
     def _set(self, node: Node, value: Any) -> None:
-        """Keep what has been formed."""
+        """Keep the expressions that have been formed."""
         if node in self.tears:
             self.tears[node].expression = value
         else:
@@ -190,7 +190,7 @@ class Evaluator:
     # ---- diagrams that are switched on and off
 
     def _switch_nodes(self, path: str, kind: str) -> list[Node]:
-        """Nodes that say when what switches a block acts, as far as its outputs (or derivatives) need them."""
+        """Nodes for when the switches of a block act, as far as its outputs (or derivatives) need them."""
         flat, around = self.flat, self.flat.switches[path]
         if not around:
             return []

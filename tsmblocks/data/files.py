@@ -48,7 +48,7 @@ MIN_DOUBTED_ROWS = 50
 
 @attrs.frozen
 class ReadOptions:
-    """Arguments of ``read`` that hold for every format: names, units, parts, and what is done with faults."""
+    """Arguments of ``read`` that hold for every format: names, units, parts, and the treatment of faults."""
 
     renamed: Mapping[str, str]
     units: Mapping[str, str]
@@ -83,7 +83,7 @@ def read(
 
     Dates and times in a text file (ISO 8601, ``22.11.2026 14:03:07``, or times of day, which may pass midnight) become
     seconds from the first on. Repeated and unsorted times, short gaps and missing numbers are repaired; the record's
-    ``notes`` say what was. A column without unit and without any number is left out unless it was named.
+    ``notes`` list the repairs. A column without unit and without any number is left out unless it was named.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def read(
     Raises
     ------
     DataError
-        With row and column, for what cannot be read or repaired.
+        With row and column, for contents that cannot be read or repaired.
 
     Examples
     --------
@@ -335,7 +335,7 @@ def _column(source: Source, name: str, column: str, columns: Sequence[tuple[str,
     if match is not None:
         return match
     if ends:
-        raise DataError(f"{fault}, but {len(ends)} end like that: {clip(', '.join(ends))}.")
+        raise DataError(f"{fault}, but {len(ends)} columns end like that: {clip(', '.join(ends))}.")
     raise DataError(f"{fault}, which is not there.{near(column, [k for k in known if k])}")
 
 

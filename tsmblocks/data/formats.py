@@ -1,4 +1,4 @@
-"""Reading recordings from JSON, Excel, Parquet and MDF files, and refusing what is known not to be read."""
+"""Reading recordings from JSON, Excel, Parquet and MDF files, and errors for other known formats."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class _Content:
                 raise DataError(f"{self.origin}: '{name}' is a link into another file ({where}), which is not read.")
             item = group.get(key)
             if item is None:
-                raise DataError(f"{self.origin}: '{name}' is a link to what is not in the file.")
+                raise DataError(f"{self.origin}: '{name}' is a link to an item that is not in the file.")
             yield name, item
 
     def values(self, item: Any) -> Any:
@@ -87,7 +87,7 @@ class _Content:
         if item.is_virtual or item.external:
             raise DataError(f"{self.origin}: the data of '{_path(item)}' are in another file, which is not read.")
         self.bytes += (item.size or 0) * max(item.dtype.itemsize, np.dtype(float).itemsize)
-        refuse_too_large(self.bytes, f"{self.origin}: what it holds up to '{_path(item)}' {item.shape}")
+        refuse_too_large(self.bytes, f"{self.origin}: its content up to '{_path(item)}' {item.shape}")
         return item[()]
 
     def _count(self) -> None:

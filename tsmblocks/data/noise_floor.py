@@ -40,15 +40,15 @@ class Noise:
         Step of a quantised signal; None when it is continuous.
     method : str
         Where the floor comes from: ``"repeats"``, ``"repeated periods"``, ``"stand-still"`` or ``"high frequencies"``.
-        The last sees only what changes from sample to sample, so slow noise is missing from it.
+        The last includes only noise that changes from sample to sample, not slow noise.
     samples : int
         Samples that went into the floor.
     freedom : int
         Degrees of freedom of the floor: independent values with the same information. Slow noise has fewer than
         samples.
     low, high : float, default 0 and inf
-        95 % interval of the floor. It allows for autocorrelation, for bursts and for what the method cannot see: above
-        a floor from ``"high frequencies"`` there is no bound.
+        95 % interval of the floor. It allows for autocorrelation, for bursts and for noise that the method does not
+        include: above a floor from ``"high frequencies"`` there is no bound.
     white : float or None, default None
         Rms value of the noise that differs from sample to sample; None where it is not distinct.
     slow : float or None, default None
@@ -96,14 +96,14 @@ def noise(records: Record | Sequence[Record], name: str, inputs: str | Iterable[
 
     - repeats: differences between the records;
     - repeated periods, where the inputs repeat as well: differences from one period to a later one;
-    - stand-still: what moves while the inputs rest;
+    - stand-still: the signal while the inputs rest;
     - high frequencies: the error of a cubic through the two neighbours on each side.
 
-    Of each difference and rest an offset is taken, and a slope where it is drift; what the noise loses by that is
-    added. A beginning larger than noise explains is left out as a transient. What is far above the fast noise and has a
-    smooth path, or does not settle, is a motion and no noise: the next method is taken, and ``doubt`` says so. Where
-    the intervals of two methods exclude each other, the larger is not taken, since motion and effects that a model
-    lacks can only add: ``doubt`` says so, and ``high`` is the higher of theirs.
+    From each difference and rest an offset is subtracted, and a slope where there is drift; the noise that this removes
+    is added. A beginning larger than noise explains is left out as a transient. What is far above the fast noise and
+    has a smooth path, or does not settle, is a motion and no noise: the next method is taken, and ``doubt`` says so.
+    Where the intervals of two methods exclude each other, the larger is not taken, since motion and effects that a
+    model lacks can only add: ``doubt`` says so, and ``high`` is the higher of theirs.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def _level(found: Sequence[Found], fast: float) -> Level:
 
 
 def _times(found: Found, factor: float) -> Found:
-    """What was found, in another unit."""
+    """The noise found, in another unit."""
     stretches = tuple(attrs.evolve(s, x=s.x * factor) for s in found.stretches)
     return attrs.evolve(found, stretches=stretches, driven=found.driven * abs(factor))
 
@@ -262,7 +262,7 @@ def _same_inputs(one: Record, other: Record, inputs: list[str]) -> bool:
 
 
 def fast_noise_of_recordings(records: Mapping[str, Record], name: str, unit: str) -> float:
-    """The median over the recordings of what changes from sample to sample, rms in ``unit``: no slow noise is in it."""
+    """The median over the recordings of the noise from sample to sample, rms in ``unit``, without slow noise."""
     floors = [sample_to_sample_noise(*_samples(r, name)).floor * r.factor(name, unit) for r in records.values()]
     return float(np.median(floors))
 

@@ -29,8 +29,8 @@ RESPONSE_SAMPLES = 30
 MIN_PERIOD_SAMPLES = 4
 """Samples of a period at least. Chosen: with fewer it may be an alias."""
 MAX_DRIVEN_SHARE = 0.5
-"""Share of what differs between periods that the inputs may explain, by not quite repeating, before it is no noise.
-Chosen."""
+"""Share of the difference between periods that may be explained by inputs that do not quite repeat, before it is no
+noise. Chosen."""
 
 
 @attrs.frozen(eq=False)

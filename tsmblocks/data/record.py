@@ -1,4 +1,4 @@
-"""What a measurement is once it has been read: signals with units on one increasing time axis."""
+"""A measurement: signals with units on one increasing time axis."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Record(SignalViews):
     origin : str, default ""
         Where the record comes from, as messages call it: the path of a file, for example.
     notes : tuple of str, default ()
-        What was repaired or changed, one sentence each.
+        Repairs and changes, one sentence each.
     filled : mapping of str to array_like of bool, each of shape (N,), default {}
         Samples that were not measured but interpolated, by signal. They have no weight in fits, scores and diagnoses.
 
@@ -103,7 +103,7 @@ class Record(SignalViews):
 
     @property
     def called(self) -> str:
-        """What messages call the record: its origin, or its name where that is empty."""
+        """The record's name in messages: its origin, or its name where that is empty."""
         return self.origin or self.name
 
     @property

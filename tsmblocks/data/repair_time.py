@@ -76,7 +76,7 @@ def sort_late_rows(table: Table) -> Table:
 def end_at_jump_back(table: Table) -> Table:
     """A time that jumps back separates two recordings (or a remainder of the logger): they are read one by one.
 
-    With ``tail = "drop"`` what comes after the jump is left out.
+    With ``tail = "drop"`` the rows after the jump are left out.
     """
     t, rows = table.values[:, 0], table.rows
     back = np.flatnonzero(np.diff(t) < 0) + 1
@@ -149,7 +149,7 @@ def _largest_difference(table: Table, again: np.ndarray, off: np.ndarray, mean: 
     if np.isinf(share[k]):
         far = ", while neighbouring samples do not differ"
     elif share[k] > NOTABLE_DIFFERENCE:
-        far = f", {share[k]:.0f} times what neighbouring samples differ by"
+        far = f", {share[k]:.0f} times the difference of neighbouring samples"
     return f", their values up to {size} apart ({table.names[k + 1]}, row {table.rows[again[worst]]}{far})"
 
 

@@ -1,4 +1,4 @@
-"""Methods of ``Record`` for single signals: added, renamed, converted, angles unwrapped; and what they must be."""
+"""Methods of ``Record`` for single signals: added, renamed, converted, angles unwrapped; and checks of signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every reader returns: headings, and numbers with their rows and columns in the file."""
+"""The result of every reader: headings, and numbers with their rows and columns in the file."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Table:
         return zip(self.names[1:], self.values.T[1:], strict=True)
 
     def noted(self, note: str, values: np.ndarray | None = None, rows: np.ndarray | None = None) -> Table:
-        """The table with other numbers, and a note of what was changed or is to be minded."""
+        """The table with other numbers, and a note of a change or a caution."""
         values, rows = self.values if values is None else values, self.rows if rows is None else rows
         return attrs.evolve(self, values=values, rows=rows, notes=(*self.notes, note))
 

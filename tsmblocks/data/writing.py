@@ -50,7 +50,7 @@ def written(
 
 
 def _title(name: str, unit: str, kind: str) -> tuple[str, str]:
-    """What a signal is called in a file, and why it cannot be written there as it is, or ``""``."""
+    """The name of a signal in a file, and why it cannot be written there unchanged, or ``""``."""
     if kind == ".mat":
         title = _matlab_name(name)
         return title, "" if _MATLAB.fullmatch(title) else "MATLAB has no variables of such names"

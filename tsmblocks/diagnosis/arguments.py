@@ -78,7 +78,7 @@ def checked(
     bounds: Mapping[str, Any] | None = None,
     local: Iterable[str] | None = None,
 ) -> Request:
-    """The arguments of ``tsm.diagnose`` as a request. Raises what ``tsm.diagnose`` raises for them."""
+    """The arguments of ``tsm.diagnose`` as a request. Raises the errors of ``tsm.diagnose`` for them."""
     arguments.as_callback(progress, "stage, done and of")
     records = recordings(experiments)
     diagram, adopted = with_adopted_units(as_diagram(diagram), records)

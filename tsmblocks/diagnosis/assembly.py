@@ -104,7 +104,7 @@ def _with_simulation(
 
 
 def _consequence(parts: Sequence[DiagnosedPart], segments: Sequence[Segment]) -> Consequence | str:
-    """What the effects mean for control, for the last part with effects; a sentence where that cannot be simulated."""
+    """The consequence of the effects for control, for the last part with effects; a sentence if not simulated."""
     last = next((one for one, segment in zip(parts[::-1], segments[::-1], strict=True) if segment.effects), None)
     return "" if last is None else consequence(last.models[0], last.models[-1])
 

@@ -76,7 +76,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What identifies a candidate within a round."""
+        """The key of a candidate within a round."""
         return self.effect.name, self.effect.variant, f"{self.point.after}>{self.point.before}"
 
 

@@ -42,7 +42,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     """
     experiment, outputs, inputs = base.setup.experiments[0], base.setup.outputs, list(base.diagram.inputs)
     if len(inputs) != 1 or len(outputs) != 1:
-        return f"{NOT_TRACKED} that takes one input and one output."
+        return f"{NOT_TRACKED} this requires one input and one output."
     (inlet,), (outlet,) = inputs, outputs
     unit = augmented.diagram.unit(outlet)
     if not unit or augmented.diagram.inports[inlet].unit != unit:

@@ -129,7 +129,7 @@ def diagnose(
     local : iterable of str, optional
         Names or patterns of parameters of the diagram with a separate value in each experiment.
     time_limit : float, optional
-        Time [s] after which the search ends as after Ctrl-C; what was found by then is summarised. Default: none.
+        Time [s] after which the search ends as after Ctrl-C; the results until then are summarised. Default: none.
     progress : callable, optional
         Called as ``progress(stage, done, of)`` now and then.
 
@@ -204,7 +204,7 @@ def diagnose(
 
 
 def _without_result(limit: float | None) -> RunError:
-    """What is raised at a time limit [s] before the first candidates were fitted."""
+    """The error at a time limit [s] before the first candidates were fitted."""
     return RunError(
         f"the time limit of {limit:g} s was over before the first candidates were fitted, so there is no verdict. "
         "Give it more time, fewer effects or shorter recordings."

@@ -116,7 +116,7 @@ class SearchRound:
 
 @attrs.frozen(eq=False)
 class SearchContext:
-    """What all rounds share: recordings, model settings, effects, time blocks, noise.
+    """Shared by all rounds: recordings, model settings, effects, time blocks, noise.
 
     ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback. ``only_frequency``
     is the one frequency [Hz] of all recordings, None where there are several. ``input_noise`` is the rms noise that was

@@ -1,4 +1,4 @@
-"""A general form of an effect, named where it alone explains what its special case and a further effect do."""
+"""A general form of an effect, named where it explains as much as its special case and a further effect together."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class InsertionPoint:
         return edited if self.adds is None else self.adds(edited, name)
 
     def code(self, name: str, block: Block | Diagram) -> str:
-        """What ``put`` does, as an expression of a script with ``…`` for the block."""
+        """The edit of ``put`` as an expression of a script, with ``…`` for the block."""
         place = f"before={self.before!r}" if self.before else f"after={self.after!r}"
         wires = self._wires(name, block)
         if _has_several_outputs(block):
@@ -69,7 +69,7 @@ class InsertionPoint:
 
     @property
     def edit(self) -> tuple[object, ...]:
-        """What identifies the wire, and what a block there changes."""
+        """The key of the wire, and of the signals that a block there changes."""
         return self.place, self.after, self.before, self.other, self.adds
 
     def words(self, diagram: Diagram) -> str:

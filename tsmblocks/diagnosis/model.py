@@ -45,7 +45,7 @@ SAME_OPTIMUM = 1.0
 """Difference of costs [noise variances] of two coarse searches that may be of one optimum. Chosen: as in fits."""
 
 ProgressCallback = Callable[[str, int, int], None]
-"""Called with the stage, what is done of it, and of how many."""
+"""Called with the stage, the number of steps done, and their total."""
 
 
 @attrs.frozen
@@ -153,7 +153,7 @@ class Model:
 def calibrate(
     diagram: Diagram, records: Mapping[str, Record], settings: ModelSettings, progress: Any = no_progress
 ) -> Model:
-    """The base model, fitted from several starting points. Raises what ``tsm.fit`` raises."""
+    """The base model, fitted from several starting points. Raises the errors of ``tsm.fit``."""
     problem, setup = pose_model(diagram, records, settings, settings.free)
     feasible = feasible_start(problem, problem.unknowns.start)
     search = functools.partial(gauss_newton, problem, iterations=MAX_ITERATIONS, progress=progress)

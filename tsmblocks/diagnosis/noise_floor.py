@@ -68,7 +68,7 @@ class NoiseFloors:
     """Rms noise of each output, in the diagram's unit, and the method of its estimate.
 
     ``given`` holds the text that the user gave, ``high`` the upper end of the 95 % interval of an estimate, ``doubt``
-    what speaks against it.
+    doubts about it.
     """
 
     sigma: Mapping[str, float]

@@ -140,8 +140,8 @@ def by_excess(traces: Sequence[Trace]) -> list[Trace]:
 class Profile:
     """The mean residual along a coordinate, in bins at ``x`` (bins,), before and after the effects were added.
 
-    ``explained`` (bins,) is what the named effects add to the simulation: where they are right, the residual before
-    lies on it. ``error_before`` and ``error_after`` are standard errors from the time blocks.
+    ``explained`` (bins,) is the change of the simulation by the named effects: where they are right, the residual
+    before lies on it. ``error_before`` and ``error_after`` are standard errors from the time blocks.
     """
 
     coordinate: str

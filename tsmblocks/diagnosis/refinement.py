@@ -45,7 +45,7 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
 
 
 def limit_notes(model: Model) -> list[str]:
-    """What the parameters common to all experiments were kept from: bounds, and the limit of the step."""
+    """Limits that the parameters common to all experiments reached: bounds, and the limit of the step."""
     items, low = model.problem.unknowns.items, model.theta - model.problem.unknowns.low
     high, notes = model.problem.unknowns.high - model.theta, limit_note(model.problem, model.theta)
     for k in np.flatnonzero(model.at_bound & ~model.is_local):

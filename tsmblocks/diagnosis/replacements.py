@@ -36,14 +36,14 @@ class ReplacementPoint(InsertionPoint):
         return edited.remove(self.rate) if self.rate else edited
 
     def code(self, name: str, block: Block | Diagram) -> str:
-        """What ``put`` does, as an expression of a script with ``…`` for the block."""
+        """The edit of ``put`` as an expression of a script, with ``…`` for the block."""
         ports = f", ports={dict(self.relative.ports)!r}" if self.relative.ports else ""
         removed = f".remove({self.rate!r})" if self.rate else ""
         return f"diagram.replace({name!r}, …{ports}){removed}"
 
     @property
     def edit(self) -> tuple[object, ...]:
-        """What identifies the block and its relative."""
+        """The key of the block and its relative."""
         return self.place, self.before, id(self.relative)
 
     def words(self, diagram: Diagram) -> str:

@@ -54,9 +54,9 @@ class DiagnosedPart:
     final: Model
     """The last accepted model, at a step that its intervals cover."""
     predicted: Evidence
-    """What is predicted of the base's residual."""
+    """The predictable part of the base's residual."""
     left: Evidence
-    """What is predicted of the final model's residual."""
+    """The predictable part of the final model's residual."""
     varying: VaryingFactor | None = None
     """The coordinate to which the final model's residual is proportional by a factor that varies."""
 
@@ -97,7 +97,7 @@ class DiagnosedPart:
 
     @property
     def largest_noise(self) -> float:
-        """The largest mean square of noise that is plausible in what the last model leaves [noise variances]."""
+        """The largest mean square of noise that is plausible in the residual of the last model [noise variances]."""
         last = self.rounds[self.count]
         return self.search.noise.largest(float(np.median(last.losses)))
 
@@ -327,7 +327,7 @@ def _excess(loss: float, noise_variance: float) -> float:
 
 
 def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
-    """For each effect the smallest size detectable in these experiments, beside what the last model leaves."""
+    """For each effect the smallest size detectable in these experiments, given the residual of the last model."""
     found: dict[str, DetectionLimit] = {}
     last = diagnosed.rounds[diagnosed.count]
     scores = last.screening_scores or diagnosed.rounds[0].screening_scores

@@ -69,7 +69,7 @@ def _none_tried(segment: Segment) -> str:
 
 
 def _shape(segment: Segment) -> str:
-    """What predicts the residual, and which share of it."""
+    """The signals that predict the residual, and the share that they predict."""
     if segment.varies_with:
         return f"The residual is proportional to {segment.varies_with}."
     if segment.irregular:
@@ -92,7 +92,7 @@ def _slow_noise(segment: Segment) -> str:
 
 
 def next_steps(segment: Segment) -> list[str]:
-    """What to do next where a residual is not explained, or where noise and a model error are indistinguishable."""
+    """Next steps where a residual is not explained, or where noise and a model error are indistinguishable."""
     given = all(gap.given for gap in segment.gaps)
     repeat = "Record the same motion twice: a model error repeats, noise does not."
     floor = "Give the noise of the sensor (noise_floor), from a recording at rest or from its data sheet."

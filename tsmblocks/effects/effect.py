@@ -73,7 +73,7 @@ class Effect:
     local : tuple of str, default ()
         Parameters with a separate value in each experiment: strengths of its trials, and what these refine.
     adds : callable, optional
-        For the wire of one diagram: what else changes, a function from the diagram with the block in it, and the
+        For the wire of one diagram: further changes, a function from the diagram with the block in it, and the
         block's name, to a diagram.
     sizes : tuple of Size, default ()
         Measurable sizes of it, the most informative first: an amplitude, a gap, a frequency. Texts and pages report

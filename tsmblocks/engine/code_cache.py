@@ -40,7 +40,7 @@ _WRITES = itertools.count()
 
 
 def user_directory() -> Path | None:
-    """Folder in which the system keeps what programs of this user can make again; None where the user has none.
+    """Cache folder of this user; None where the user has none.
 
     A path that is not absolute counts as none: it would depend on the folder in which a program is started.
     """

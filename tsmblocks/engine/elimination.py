@@ -1,4 +1,4 @@
-"""Signals of algebraic loops that are eliminated one by one, and the solution of what is linear."""
+"""Signals of algebraic loops that are eliminated one by one, and the solution of linear equations."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Elimination:
 
     @property
     def passed(self) -> list[tuple[Any, Any]]:
-        """What was taken out, each after those that it reads."""
+        """The signals taken out, each after those that it reads."""
         order = TopologicalSorter({k: self._in(k) & self.gone.keys() for k in self.gone}).static_order()
         return [(self.symbols[k], self.made[k]) for k in order]
 
@@ -81,7 +81,7 @@ class Elimination:
         self.made[k] = ca.substitute(made, symbol, 0) / (1 - ca.jacobian(made, symbol))
 
     def _next(self) -> int | None:
-        """What to take out next: of all candidates what the fewest read, and reads the fewest (Markowitz)."""
+        """The signal to take out next: of all candidates the one with the fewest readers and operands (Markowitz)."""
         readers = Counter(j for others in self.reads.values() for j in others)
         for k in sorted(self.reads, key=lambda k: (k in self.reads[k], len(self.reads[k]) * readers[k])):
             if k not in self.reads[k]:
@@ -94,7 +94,7 @@ class Elimination:
         return None
 
     def _put_in(self, k: int) -> None:
-        """Put what depends on a signal into its own expression."""
+        """Substitute signals that depend on a signal into its own expression."""
         through = {k}
         for m in reversed(self.gone):  # what each reads was there when it went, so it went later or is left
             if self.gone[m] & through:

@@ -3,7 +3,7 @@
 With the modes of all switches frozen (see ``switches``) each step is smooth. Stretches of such steps are run; the
 first step at whose end some switching function contradicts its mode is repeated in parts (see ``zero_crossing``).
 
-A signal that crosses zero and comes back within one step is not detected. Rounding (floor, ceil) is not a switch:
+A signal that crosses zero and returns within one step is not detected. Rounding (floor, ceil) is not a switch:
 the jumps of a quantiser are not located. Memory is updated at events as at instants of the grid, so a relay switches
 where its input reaches a level, and a state is reset where its condition becomes true. Play and rate limits detect a
 turning point of their input on the grid only; samples are on the grid only.

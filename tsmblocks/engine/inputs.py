@@ -172,7 +172,7 @@ class Signal:
 
 
 def _samples(name: str, given: Any, grid: np.ndarray | EvenInstants, hold: str) -> tuple[np.ndarray, np.ndarray, str]:
-    """Times [s], values and hold of what is given: samples, a pair of lists, values on the steps, or a number."""
+    """Times [s], values and hold of an argument: samples, a pair of lists, values on the steps, or a number."""
     if hasattr(given, "t"):
         return _numbers(name, given.t), _numbers(name, given.y), given.hold
     if isinstance(given, tuple) and len(given) == 2 and all(hasattr(v, "__len__") for v in given):

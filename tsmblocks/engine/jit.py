@@ -1,4 +1,4 @@
-"""Machine code from LLVM IR, cached on disk by ``code_cache``; what cannot be read there is compiled again."""
+"""Machine code from LLVM IR, cached on disk by ``code_cache``; code that cannot be read there is compiled again."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ class KernelFrame:
         w.lines.append("}")
 
     def before_loop(self) -> None:
-        """Load the state, and form what depends on parameters only."""
+        """Load the state, and form values that depend on parameters only."""
         raise NotImplementedError
 
     def update_section(self, hits: list[str]) -> None:

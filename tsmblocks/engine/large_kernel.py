@@ -64,7 +64,7 @@ class LargeKernel(KernelFrame):
     # ---- cutting
 
     def _write_fixed(self, name: str, program: LaneProgram) -> dict[int, int]:
-        """Write what computes the nodes that depend on parameters only and that others read; their places."""
+        """Write the code of nodes that depend on parameters only and that others read; their places."""
         readers = {j for n, grade in enumerate(program.grades) if grade > CONSTANT for j in program.arguments(n)}
         chosen = [
             n

@@ -86,7 +86,7 @@ class Writer:
         return self._splats[value]
 
     def load(self, pointer: str, wide: bool) -> str:
-        """Read what a pointer points to."""
+        """Read the value at a pointer."""
         return self.emit(f"load {self.type(wide)}, ptr {pointer}, align 8")
 
     def store(self, value: str, pointer: str, wide: bool) -> None:

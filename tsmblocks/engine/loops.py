@@ -1,4 +1,4 @@
-"""Algebraic loops that are solved while a diagram runs: a damped Newton method, and what a run reports of it.
+"""Algebraic loops that are solved while a diagram runs: a damped Newton method, and its report in a run.
 
 A nonlinear loop is a system F(z, w) = 0 in the signals z at which it was torn; w are the numbers it reads. Its exact
 Jacobian is in ``Loop.correction``, the Newton correction -F'(z)^-1 F(z). The method starts from the last solution, then
@@ -135,7 +135,7 @@ def region(loop: Loop) -> int:
 
 
 def reports(loops: Sequence[Loop], kept: Sequence[np.ndarray]) -> tuple[LoopReport, ...]:
-    """What a run reports of its loops; ``kept`` are the ``STATISTICS`` of those solved in the kernel."""
+    """The report of a run on its loops; ``kept`` are the ``STATISTICS`` of those solved in the kernel."""
     made, numbers = [], iter(kept)
     for loop in loops:
         if loop.linear:

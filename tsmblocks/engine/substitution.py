@@ -56,8 +56,7 @@ def cut(expressions: Column, symbols: Column) -> tuple[Column, Column, Column]:
 
 
 def _walk(expressions: Column, symbols: Column, values: Sequence[Any], reads: dict[Any, tuple[Any, Any]] | None) -> Any:
-    """Rebuild expressions that depend on the symbols; with ``reads`` other operands are replaced and collected
-    there."""
+    """Rebuild expressions that depend on the symbols; with ``reads`` other operands are replaced and collected."""
     others: Any = parts(other_symbols(expressions, symbols))
     f = ca.Function("f", [symbols, ca.vertcat(ca.SX(0, 1), *others)], [ca.densify(expressions)])
     nodes, made = f.instructions_sx(), [ca.SX(0)] * expressions.shape[0]

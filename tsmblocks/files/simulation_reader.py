@@ -18,7 +18,7 @@ KEYS = ("step", "method", "hold", "condition", "stop_when")
 
 
 def read_simulation(page: Page, table: dict[str, Any], diagram: Diagram) -> Simulation:
-    """The settings that a file gives; faults are collected, and what is wrong is left out."""
+    """The settings that a file gives; faults are collected, and faulty settings left out."""
     given = page.table(table, "simulation", ())
     page.known_keys(given, KEYS, ("simulation",), "[simulation]")
     made: dict[str, Any] = {}

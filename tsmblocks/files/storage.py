@@ -116,7 +116,7 @@ def dumps(diagram: Diagram) -> str:
     Raises
     ------
     FileError
-        For what a file cannot hold, such as a block that is not registered.
+        For contents that a file cannot hold, such as a block that is not registered.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def save(diagram: Diagram, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     FileError
-        For what a file cannot hold, and where the file cannot be written.
+        For contents that a file cannot hold, and where the file cannot be written.
 
     Examples
     --------

@@ -20,7 +20,7 @@ from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.simulation import Simulation
 
 LINE_WIDTH = 100
-"""Characters of a line. Chosen: what an editor has beside a second window."""
+"""Characters of a line. Chosen: the width of an editor beside a second window."""
 
 
 BARE_KEY = re.compile("[A-Za-z0-9_-]+")
@@ -51,7 +51,7 @@ Entry = tuple[str, list[tuple[str, str]]]
 
 
 class _Writer:
-    """Writes the lines of a diagram, and collects what cannot be written."""
+    """Writes the lines of a diagram, and collects faults."""
 
     def __init__(self) -> None:
         self.problems: list[str] = []

@@ -225,7 +225,7 @@ def compare(
         One recording or several experiments, by name.
     train : float or (float, float), default 0.5
         Share of each recording that is fitted, from its start (1 holds nothing out), or a window (start, stop) in s;
-        what follows is held out, or, where nothing follows, what comes before.
+        the rest after it is held out, or, where nothing follows, the part before.
     held_out : list of str, optional
         Experiments that are not fitted at all.
     free : dict of str to list of str, optional

@@ -59,7 +59,7 @@ def constraint(
 ) -> tuple[Constraint, ...]:
     """Read one comparison; ``0 < a < b`` makes two constraints of the same ``name`` (by default, their texts).
 
-    Raises ParameterError as ``expression`` does, and for what compares nothing or does not depend on a parameter.
+    Raises ParameterError as ``expression`` does, and for a text without comparison or without a parameter.
     """
     read = reader(f"{what} '{clip(name, 40)}'" if name else what, text, known, kind)
     tree = read.tree

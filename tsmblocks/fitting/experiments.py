@@ -40,12 +40,12 @@ MOST_SHARED = 8
 Window = tuple[float | None, float | None]
 
 _SHARED: WeakKeyDictionary[Record, dict[str, np.ndarray]] = WeakKeyDictionary()
-"""Arrays made from recordings by what they are: a search makes hundreds of diagrams ready for the same ones."""
+"""Arrays made from recordings, by kind: a search prepares hundreds of diagrams for the same recordings."""
 
 
 @attrs.frozen(eq=False)
 class Experiment:
-    """A recording prepared for a diagram: the inputs at every stage of every step, and what was measured when.
+    """A recording prepared for a diagram: the inputs at every stage of every step, and the measured samples.
 
     ``measured`` has shape (samples, outputs), in the units of the diagram's ports. Sample k lies
     ``share[k]`` of a step after step ``place[k]``. ``counted`` (samples, outputs) is 0 for samples that were not

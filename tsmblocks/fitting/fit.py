@@ -80,10 +80,10 @@ def fit(
     data : Record, path, DataFrame, list or dict of str to these
         One recording or several experiments, by name. Signals are matched by name to inputs and outputs of the diagram.
     free : list of str, optional
-        Parameters to estimate, patterns allowed (``"tsm.*"``). By default all but initial states and what a data sheet
-        gives, such as the counts of an encoder.
+        Parameters to estimate, patterns allowed (``"tsm.*"``). By default all but initial states and parameters from a
+        data sheet, such as the counts of an encoder.
     bounds : dict of str to (float, float), optional
-        Lower and upper bounds by name or pattern, None for none; within what the blocks declare, and no delay shorter
+        Lower and upper bounds by name or pattern, None for none; within the bounds of the blocks, and no delay shorter
         than a step.
     start : dict of str to float, optional
         Values to start from in place of those of the diagram.

@@ -34,7 +34,7 @@ NO_INFLUENCE, COMBINATION, UNCERTAIN = "no influence", "combination", "uncertain
 
 @attrs.frozen
 class Undetermined:
-    """What is not identifiable from the data.
+    """A parameter or combination that is not identifiable from the data.
 
     ``kind`` is ``"no influence"`` (a parameter that changes nothing), ``"combination"`` (parameters that only
     matter together) or ``"uncertain"`` (an estimate whose interval is wider than the parameter itself).
@@ -74,7 +74,7 @@ def undetermined(
     high: np.ndarray | None = None,
     nearest: bool = False,
 ) -> tuple[Undetermined, ...]:
-    """Name what is not identifiable from the data, the plainest first.
+    """The parameters and combinations that are not identifiable from the data, the plainest first.
 
     ``J`` (N, p), ``r`` (N,), ``prior`` and ``held`` are those of the ``uncertainty`` that is ``known``.
     ``scales`` (p,) are the changes that count as all of a parameter (``sizes``; by default what was found,
@@ -198,7 +198,7 @@ class _Wording:
     scales: np.ndarray
 
     def effect(self, v: np.ndarray) -> float:
-        """What a hundredth of ``v`` changes, in rms values of the residual."""
+        """The change of the outputs by a hundredth of ``v``, in rms values of the residual."""
         change = 0.01 * float(np.sqrt(np.mean(np.square(self.moved @ v))))
         return change / self.rms if self.rms > 0 else (math.inf if change > 0 else 0.0)
 
@@ -217,7 +217,7 @@ class _Wording:
         shown = sorted(sorted(main, key=lambda i: -abs(v[i]))[:MOST_NAMED]) if len(main) > MOST_NAMED + 1 else main
         steps = [moves[i] for i in shown] + [f"moving {len(main) - len(shown)} more"] * (len(main) > len(shown))
         chain = steps[0] if len(steps) == 1 else f"{steps[0]} while {listed(steps[1:], MOST_NAMED + 1)}"
-        also = f" (and {listed([self.names[i] for i in passing], 3)} by far less)" if passing else ""
+        also = f" (and {listed([self.names[i] for i in passing], 3)} by much smaller amounts)" if passing else ""
         changed = factor * effect
         amount = f"{changed:.1g} of the residual" if 0 < changed < math.inf else "no more than rounding"
         subject = listed([self.names[i] for i in main], MOST_NAMED) + (

@@ -97,7 +97,7 @@ class Jacobian:
         return result
 
     def with_finite_values(self) -> Jacobian:
-        """The same with zeros for what is not finite."""
+        """The same with zeros instead of non-finite values."""
         common, own = (np.where(np.isfinite(part), part, 0.0) for part in (self.common, self.own))
         return attrs.evolve(self, common=common, own=own)
 

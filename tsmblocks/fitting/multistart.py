@@ -20,8 +20,8 @@ WIDE = 100.0
 class Range:
     """The interval one number is searched in, both ends included; ``log`` searches in its logarithm.
 
-    Raises ParameterError for ends that are not finite or not in order, and for a logarithm of what is
-    not positive. ``name`` is what messages call the number.
+    Raises ParameterError for ends that are not finite or not in order, and for a logarithm of a value that is not
+    positive. ``name`` is the name in messages.
     """
 
     low: float
@@ -87,7 +87,7 @@ class Box:
         return made
 
     def _stretched(self, thetas: np.ndarray) -> np.ndarray:
-        """The logarithm, where that is what is searched in."""
+        """The logarithm of a range that is searched in it."""
         return np.where(self._log, np.log(np.where(self._log, thetas, 1.0)), thetas)
 
 

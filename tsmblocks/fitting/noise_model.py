@@ -1,4 +1,4 @@
-"""Noise models of residuals: an autoregressive model of each segment, unbiased by what the fit has removed.
+"""Noise models of residuals: an autoregressive model of each segment, corrected for the noise that the fit has removed.
 
 A fit removes from the noise whatever its parameters can follow, above all slow noise, so the residuals look whiter and
 smaller than the noise is. Its model is therefore found by restricted maximum likelihood: of the part of the noise that
@@ -203,7 +203,7 @@ class BlockLagProducts:
 
 @attrs.define(eq=False)
 class _Source:
-    """What the noise of some segments is estimated from."""
+    """The data from which the noise of some segments is estimated."""
 
     users: list[int]  # segments that have this noise
     learnt: BlockLagProducts  # of [basis, r] over the segments it is learnt from

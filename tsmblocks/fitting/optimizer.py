@@ -1,4 +1,4 @@
-"""What all methods of optimisation share: their result, and a feasible starting point."""
+"""Shared by all methods of optimisation: their result, and a feasible starting point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a fit may change: the free parameters, their bounds, and how they make the numbers of each experiment."""
+"""The free parameters of a fit, their bounds, and the parameters of each experiment as functions of them."""
 
 from __future__ import annotations
 
@@ -305,8 +305,8 @@ def numbers(diagram: Diagram) -> dict[str, list[Field]]:
 def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free") -> list[str]:
     """Parameters named by patterns (``tsm.*``, ``offset.bias``), in the diagram's order.
 
-    Without patterns: all but initial states, and what is ``known`` by its declaration. Raises ParameterError for a
-    pattern that matches nothing.
+    Without patterns: all but initial states, and parameters that are ``known`` by declaration. Raises ParameterError
+    for a pattern that matches nothing.
     """
     known = numbers(diagram)
     endless = {name for name, value in diagram.parameters.items() if not math.isfinite(value)}  # limits that never act
@@ -363,7 +363,7 @@ def bounds_of(fields: list[Field], value: float) -> tuple[float, float]:
 def given_bounds(
     given: Mapping[str, Any] | None, free: Sequence[str], known: Iterable[str]
 ) -> dict[str, tuple[float, float]]:
-    """Bounds given by name or pattern. Raises ParameterError for what is none, or names nothing free."""
+    """Bounds given by name or pattern. Raises ParameterError for invalid bounds, or a name that is not free."""
     made: dict[str, tuple[float, float]] = {}
     for pattern, pair in arguments.as_mapping("bounds", given, "'tsm.theta': (0.1, 50.0)").items():
         hits = [k for k in free if k == pattern] or [k for k in free if fnmatchcase(k, pattern)]

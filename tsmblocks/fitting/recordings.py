@@ -68,7 +68,7 @@ def _record(one: Any, name: str) -> Record:
 
 
 def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iterable[str]) -> list[str]:
-    """Say which signals have no unit and what they are taken to be in, experiment by experiment.
+    """Name signals without a unit and the unit that is assumed for them, experiment by experiment.
 
     Raises DataError where they are angles of so many turns that it can hardly be so.
     """
@@ -110,7 +110,7 @@ def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple
 
 
 def windows(given: Any, names: Iterable[str], what: str = "window") -> dict[str, Window]:
-    """Which part of each experiment counts, in s. Raises DataError for what is no pair of times."""
+    """The part of each experiment that counts, in s. Raises DataError for anything but a pair of times."""
     names = list(names)
     each = dict(given) if isinstance(given, Mapping) else dict.fromkeys(names, given)
     for name in each:

@@ -199,7 +199,7 @@ class Problem:
         return slope, curvature
 
     def prior_cost(self, theta: np.ndarray) -> float:
-        """What the priors add to the cost."""
+        """The contribution of the priors to the cost."""
         priors = self.priors
         off = (theta[priors.which] - priors.mean) / priors.deviation
         return 0.5 * self.noise**2 * float(off @ off)

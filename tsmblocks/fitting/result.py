@@ -1,4 +1,4 @@
-"""What a fit returns: the fitted diagram, the numbers with their intervals, and what is not identifiable."""
+"""The result of a fit: the fitted diagram, estimates with their intervals, and parameters that are not identifiable."""
 
 from __future__ import annotations
 

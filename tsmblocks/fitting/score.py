@@ -75,7 +75,7 @@ class Difference:
 
     @property
     def relative(self) -> float:
-        """Norm of the residual over the norm of what was measured."""
+        """Norm of the residual over the norm of the measured signal."""
         return self.rms / float(np.sqrt(np.mean(self.measured**2)) or np.nan)
 
     @property

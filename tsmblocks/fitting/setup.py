@@ -55,7 +55,7 @@ DEFAULT_METHOD = "rk4"
 
 @attrs.frozen(eq=False)
 class Setup:
-    """A diagram beside its recordings, ready to be simulated: what fits and scores have in common."""
+    """A diagram beside its recordings, ready to be simulated: shared by fits and scores."""
 
     diagram: Diagram
     eq: Equations
@@ -165,8 +165,8 @@ def _resolved(
         ) from None
     if np.isfinite(best.outputs(p)).all():
         notes.append(
-            f"{best.name}: halving the step still changes the simulation by more than a thousandth of what "
-            f"was measured at {FINEST} steps between samples; a step can be given."
+            f"{best.name}: halving the step still changes the simulation by more than a thousandth of the measured "
+            f"signal at {FINEST} steps between samples; a step can be given."
         )
     return best, None
 
@@ -188,7 +188,7 @@ def experiment_starts(setup: Setup) -> tuple[dict[str, float], ...]:
 
 
 def simulated_as(setup: Setup, starts: Sequence[Mapping[str, float]]) -> Simulation:
-    """How the experiments were simulated, with initial states of each: what a file needs to do it again."""
+    """How the experiments were simulated, with the initial states, so that a file reproduces the simulation."""
     steps = {experiment.name: experiment.times.h for experiment in setup.experiments}
     first = setup.experiments[0]
     own = {experiment.name: values for experiment, values in zip(setup.experiments, starts, strict=True) if values}
@@ -285,7 +285,7 @@ def _of_experiment(one: Unknown, experiment: str, starts: Mapping[str, float]) -
 def _delays_of_a_step(unknowns: Unknowns, setup: Setup) -> Unknowns:
     """Bounds that keep delays from being shorter than a step where they may not be: such places cannot be run.
 
-    A start that is too short stays as it is, so that the run says what is wrong with it.
+    A start that is too short stays as it is, so that the run reports the fault.
     """
     items, begin, eq = list(unknowns.items), unknowns.start, setup.eq
     for e, experiment in enumerate(setup.experiments if eq.q else ()):

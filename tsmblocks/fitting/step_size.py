@@ -76,7 +76,7 @@ def following(
 
 
 def limit_note(problem: Problem, theta: np.ndarray) -> list[str]:
-    """A warning where the step limits what a search can find."""
+    """A warning where the step limits the search."""
     state = state_at_limit(problem, theta)
     if not state:
         return []

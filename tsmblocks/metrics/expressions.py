@@ -106,7 +106,9 @@ def full_name(name: str, known: Sequence[str], kind: str = "parameter") -> str:
         return hits[0]
     if hits:
         more = f" or {len(hits) - 3} more" if len(hits) > 4 else ""
-        raise ParameterError(f"'{clip(name)}' may mean {' or '.join(hits[: 3 if more else 4])}{more}. Say which.")
+        raise ParameterError(
+            f"'{clip(name)}' may mean {' or '.join(hits[: 3 if more else 4])}{more}. Give the full name."
+        )
     hints = near(name, known), near(name, {k.rpartition(".")[2] for k in known})
     raise ParameterError(
         f"there is no {kind} '{clip(name)}'.{next((h for h in hints if 'Did you mean' in h), hints[0])}"

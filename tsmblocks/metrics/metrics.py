@@ -32,7 +32,7 @@ DEFAULT_METRICS = {
     "largest error": "largest(x_ref - x_out)",
     "effort": "rms(u)",
 }
-"""Metrics of tracking where none are named; those are taken whose signals are there."""
+"""Default metrics of tracking; those are used whose signals exist."""
 
 
 @attrs.frozen
@@ -186,11 +186,11 @@ def measure(run: Any, wanted: Any = None) -> dict[str, float]:
     Raises
     ------
     ParameterError
-        For texts that are no metrics, unknown signals and sums of different units.
+        For texts that are not metrics, unknown signals and sums of different units.
     UnitError
         For a unit that does not fit.
     RunError
-        For anything that is no run.
+        For anything that is not a run.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a block is: a frozen value with ports, states, parameters and pure equations.
+"""Blocks: frozen values with ports, states, parameters and pure equations.
 
 This module knows neither diagrams, nor CasADi, nor simulation; these read what is declared here.
 """

@@ -1,4 +1,4 @@
-"""What a diagram is: named blocks, wires, inputs and outputs, as one value. Editing gives a new diagram.
+"""Diagrams: named blocks, wires, inputs and outputs, as one value. Editing gives a new diagram.
 
 It knows ports, names and units, but no equations and no simulation. A diagram may be a block of another, to any
 depth; a dotted name refers to what is inside (``"motor.drive.high"``).

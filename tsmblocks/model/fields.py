@@ -1,4 +1,4 @@
-"""What a block may declare: ports, states, and parameters with meaning, unit and bounds.
+"""Declarations of a block: ports, states, and parameters with meaning, unit and bounds.
 
 One declaration serves the error message, the default bounds of a fit, the file format, the axis label and the
 generated test of bad values, so each fact about a block is stated once, in its class.

@@ -84,7 +84,7 @@ class SideBySide:
 
 
 def finding_of_run(side: SideBySide, lane: int, backend: str) -> str:
-    """What the check of one run's step finds: the run is made for it."""
+    """The finding of the check of one run's step: the run is made for it."""
     eq, times, p = side.eq, side.times, side.p[:, lane]
     logged = tuple(sorted({*(eq.y.index(name) for name in (*eq.x, *eq.aliases.values()))}))
     kernel = single_kernel(eq, side.kernel.plan.method, logged, backend)

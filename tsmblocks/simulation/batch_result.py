@@ -1,4 +1,4 @@
-"""What many runs at once return: results by set of parameters."""
+"""The result of a batch: results by set of parameters."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
 
 SOLVE, REFUSE = "solve", "refuse"
-"""What is done with algebraic loops."""
+"""The treatment of algebraic loops."""
 _COMPILED: dict[Any, Equations] = {}
 _KEPT = 256
 

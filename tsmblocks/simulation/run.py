@@ -1,4 +1,4 @@
-"""What a simulation returns: signals over time, by name, with units."""
+"""The result of a simulation: signals over time, by name, with units."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ class Run(SignalViews):
     """Signals of one simulation.
 
     ``run["tsm.y"]`` is a signal of shape (N,), by the name of an output of the diagram, of a block's port
-    (``"motor.y"``), of a state (``"tsm.zeta"``) or of an input. What takes names raises RunError for an unknown one.
+    (``"motor.y"``), of a state (``"tsm.zeta"``) or of an input. Methods that take names raise RunError for an unknown
+    one.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from tsmblocks.testing.promises import equations_as_numbers, is_singular, need, 
 
 TIME, POINT, APART = 0.1, 0.3142, 0.1271
 """Where loops are closed: time [s], first input, distance of the others. Chosen: away from corners,
-which stand at rounder numbers."""
+which are at round numbers."""
 GAIN = -0.5
 """Gain around a loop. Chosen: below 1 in size, so that there is one solution nearby."""
 NUDGE = 1e-6

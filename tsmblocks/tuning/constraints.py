@@ -75,7 +75,7 @@ class Limit:
 
         ``options`` are those of the run at whose end it is taken; without them it is taken at the initial states. A
         gain margin is the smallest factor, up or down, that makes the loop unstable, below 1 where it is unstable
-        already; the phase margin is negative where the loop is unstable. Where a block on the loop stands at a limit
+        already; the phase margin is negative where the loop is unstable. Where a block on the loop is at a limit
         the loop has no margin: a factor of 1, a phase of 0.
         """
         try:

@@ -88,7 +88,7 @@ def _overshoot(e: Array, t: Array, smoothing: float, target: float) -> Different
 
 
 def _settling_time(e: Array, t: Array, _: float, band: float) -> Differentiated:
-    """The instant at which the magnitude enters the band for good, between two samples; beyond the end of a run that
+    """The instant after which the magnitude stays within the band, between two samples; beyond the end of a run that
     ends outside, by as much more as its end is larger than the band.
     """
     size, w = np.abs(e), np.zeros(len(e))

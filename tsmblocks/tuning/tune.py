@@ -65,9 +65,9 @@ def tune(
         Limits: metrics such as ``"share(abs(u) > 23.9) <= 0.01"``, and stability margins of the loop opened at a wire,
         such as ``"phase_margin('controller -> drive') >= 45"`` in degrees. ``gain_margin`` is the smallest factor, up
         or down, that makes the loop unstable, below 1 where it is unstable already. Margins are taken at the end of
-        each run, or where ``point`` says, as in ``"phase_margin('controller -> drive', point='trim') >= 45"``:
-        "start" (the initial states) or "trim" (the equilibrium next to that end). Where a block on the loop stands at
-        a limit then, there is no margin: it counts as 0 deg, or a factor of 1.
+        each run, or where ``point`` says, as in ``"phase_margin('controller -> drive', point='trim') >= 45"``: "start"
+        (the initial states) or "trim" (the equilibrium next to that end). Where a block on the loop is at a limit then,
+        there is no margin: it counts as 0 deg, or a factor of 1.
     plants : Plan, optional
         Sets of parameters; each diagram with each set is a case.
     stop, step : float, optional
