@@ -21,6 +21,12 @@ IDIOM = {
     r"what the data cannot tell|no slope leads": "not identifiable; nonsmooth",
     r"goes with it|its own scatter|what chance stays below": "correlation; t-statistic; critical value",
     r"folds? of time": "cross-validation blocks",
+    r"in the place of|for good\b|what is wrong": "instead of, replaces; permanently; fault",
+    r"(?:bent|drawn|formed|computed|placed|numbered|solved for) anew": "again",
+    r"stands? and jumps?|runs? ahead of|keeps? silent": "piecewise constant; leads; reports nothing",
+    r"(?:an |the )?(?:expression|text|comparison|number|wire)s? (?:is|are) wanted": "expected",
+    r"more is missing than|something is missing in": "unmodelled effect, unexplained residual",
+    r"stands? inside (?:each other|another|diagrams)": "nested",
 }
 """Pattern -> the standard term."""
 SOURCES = sorted((ROOT / "tsmblocks").rglob("*.py"))

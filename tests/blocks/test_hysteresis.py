@@ -382,7 +382,8 @@ def test_rate_of_displacement_may_be_left_open():
             dict(n=25),
         ),
         (
-            "DahlHysteresis.half_width must lie in (0, inf), got 0. It is: stretch after long travel in one direction [rad].",
+            "DahlHysteresis.half_width must lie in (0, inf), got 0. "
+            "It is: stretch after long travel in one direction [rad].",
             DahlHysteresis,
             dict(half_width=0),
         ),

@@ -1,4 +1,4 @@
-"""Where a loop crosses the edge of stability: gain and phase margins from its state space."""
+"""Stability limits of a loop: gain and phase margins from its state space."""
 
 from __future__ import annotations
 

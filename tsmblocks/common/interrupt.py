@@ -142,9 +142,7 @@ def children_ignore_interrupts() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """Let this process, a worker, end with the one that started it: otherwise it would wait forever. A process that is
-    killed cannot notify its workers.
-    """
+    """Let this process, a worker, end with its parent, which cannot notify it when it is killed."""
     from multiprocessing import parent_process
 
     parent = parent_process()

@@ -1,4 +1,4 @@
-"""How a value is shown: as a notebook card, a drawing, a figure, text, or a report, by modules that know its class.
+"""Views of a value: notebook card, drawing, figure, text or report, by modules that know its class.
 
 A class offers a view of itself without importing the module that makes it, so that the import graph has no cycles.
 Each module named here has a ``view``, a ``functools.singledispatch`` function over the classes it can show; it is

@@ -1,5 +1,4 @@
-"""Diagrams that are switched on and off: the effect of an ``Enable`` or a ``Trigger`` in a diagram on the blocks beside
-it.
+"""Diagrams that are switched on and off: the effect of an ``Enable`` or a ``Trigger`` on the blocks beside it.
 
 While the diagram is off, its states and memory are held. Each of its outputs passes an added block, which holds the
 last value, or gives another one.

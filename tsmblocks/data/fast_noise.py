@@ -42,8 +42,7 @@ def sample_to_sample_noise(t: np.ndarray, x: np.ndarray, side: int = 2) -> Estim
 
 
 def fast_level(t: np.ndarray, x: np.ndarray) -> Level:
-    """The noise that changes from sample to sample; the residual of a smoother curve in the quieter parts is a lower
-    bound.
+    """The noise from sample to sample; the residual of a smoother curve in the quieter parts is a lower bound.
 
     Noise is present everywhere, but only some parts of a motion are not followed by a curve. The values overlap, so
     that a third of them count as independent.

@@ -20,8 +20,7 @@ mechanisms of the paper make."""
 
 
 def assumed_units(record: Record, wanted: Mapping[str, str]) -> list[str]:
-    """Name signals without a unit and the unit that is assumed for them; ``wanted`` gives that by name, ``""`` for
-    none.
+    """Name signals without a unit and the unit assumed for them; ``wanted`` gives that by name, ``""`` for none.
 
     One sentence for each unit.
     """

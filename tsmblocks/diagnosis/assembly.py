@@ -126,7 +126,7 @@ def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:
 
 
 def _hold(parts: Sequence[DiagnosedPart]) -> Hold:
-    """How inputs run between samples, for all or by input."""
+    """Interpolation of inputs between samples, for all or by input."""
     experiments = [(one.record, one.hold) for diagnosed in parts for one in diagnosed.final.setup.experiments]
     return in_one_word(common_holds(experiments))
 

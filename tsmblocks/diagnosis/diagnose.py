@@ -266,7 +266,7 @@ def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes
 
 
 def _holds(part: Part, records: Mapping[str, Record], settings: ModelSettings, notes: list[str]) -> Hold:
-    """How the inputs of a part run between samples, from whole recordings: pieces of them show too little."""
+    """Interpolation of the inputs of a part between samples, from whole recordings: pieces of them show too little."""
     names, orders, found = list(part.diagram.inports), equations(part.diagram).orders, []
     for name, record in records.items():
         holds = resolved_holds(record, names, settings.hold, orders)

@@ -270,7 +270,7 @@ def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSetti
 
 
 def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
-    """How many of the effects named are accepted.
+    """The number of named effects that are accepted.
 
     The first one is accepted if it removes ``MIN_EXCESS_SHARE`` of the excess; where none does, several are that
     together remove ``MIN_JOINT_SHARE``. A further one is accepted if it removes a material share of the remaining

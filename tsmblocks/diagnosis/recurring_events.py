@@ -47,7 +47,7 @@ def without_recurring_events(
 
 
 def _imitations(last: Model, named: Sequence[FittedCandidate]) -> list[FittedCandidate]:
-    """Of the effects that were named, those that imitate an irregular error."""
+    """The named effects that imitate an irregular error."""
     sudden = [one for one in named if _has_own_instants(one)]
     if any(_apart(last, one, other) for k, one in enumerate(sudden) for other in sudden[:k]):
         return sudden

@@ -55,7 +55,7 @@ def verdict_word(segment: Segment) -> str:
 
 
 def _no_other(segment: Segment) -> str:
-    """That nothing else explains the residual as well, with the number of effects that could have."""
+    """The statement that no other effect explains the residual as well, with the number of effects tried."""
     count = len(set(segment.effects_tried) - {e.name for e in segment.effects})
     if count > 1:
         return f"none of the {count} other effects tried"
@@ -63,7 +63,7 @@ def _no_other(segment: Segment) -> str:
 
 
 def _none_tried(segment: Segment) -> str:
-    """That no effect explains a residual, with the number of those tried."""
+    """The statement that no effect explains a residual, with the number of effects tried."""
     count = len(segment.effects_tried)
     return f"none of the {count} effects tried explains" if count > 1 else "the one effect tried does not explain"
 

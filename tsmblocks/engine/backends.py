@@ -1,4 +1,4 @@
-"""Which back end runs a plan: machine code by llvmlite, or CasADi's own evaluator."""
+"""Choice of the back end that runs a plan: machine code by llvmlite, or CasADi's evaluator."""
 
 from __future__ import annotations
 

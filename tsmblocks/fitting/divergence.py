@@ -1,4 +1,4 @@
-"""Why a simulation inside a fit diverged: the run is repeated with a check of every signal."""
+"""The cause of a diverged simulation in a fit: the run is repeated with a check of every signal."""
 
 from __future__ import annotations
 

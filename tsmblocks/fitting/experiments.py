@@ -381,7 +381,7 @@ def _roundest(t: np.ndarray, step: float) -> float:
 
 
 def _off(t: np.ndarray, step: float) -> float:
-    """How far the instants lie from an even grid at most [s]."""
+    """The largest deviation of the instants from an even grid [s]."""
     return float(np.abs(t - t[0] - step * np.arange(len(t))).max())
 
 

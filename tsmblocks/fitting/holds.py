@@ -1,4 +1,4 @@
-"""How the inputs of recordings run between samples: as given, or as found from the samples, input by input."""
+"""Interpolation of the inputs of recordings between samples: as given, or as found from the samples, input by input."""
 
 from __future__ import annotations
 

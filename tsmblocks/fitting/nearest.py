@@ -1,5 +1,4 @@
-"""Of all values that fit equally well, those nearest to the diagram's own: a search may end anywhere along a null
-direction.
+"""The values nearest to the diagram's own of all that fit equally well: a search may end anywhere among these.
 
 Some models have such directions by their structure (an offset behind a plant that has an offset), others with
 what was recorded. The step along them is the shortest in parameters divided by their sizes; initial states do not count

@@ -81,7 +81,7 @@ class Unknowns:
 
     @functools.cached_property
     def start(self) -> np.ndarray:
-        """Where the search begins, shape (unknowns,)."""
+        """The start of the search, shape (unknowns,)."""
         return _constant(item.start for item in self.items)
 
     @functools.cached_property

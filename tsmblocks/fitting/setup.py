@@ -66,7 +66,7 @@ class Setup:
 
     @property
     def hold(self) -> Hold:
-        """How inputs run between samples, for all or by input; ``"auto"`` where experiments differ."""
+        """Interpolation of inputs between samples, for all or by input; ``"auto"`` where experiments differ."""
         return in_one_word(common_holds((one.record, one.hold) for one in self.experiments))
 
     def prepared(self, e: int, *, record: Record | None = None, step: float | None = None) -> Experiment:

@@ -56,8 +56,7 @@ def state_at_limit(problem: Problem, theta: np.ndarray) -> str:
 def following(
     problem: Problem, setup: Setup, end: OptimizerResult, search: Callable[[Problem, np.ndarray], OptimizerResult]
 ) -> tuple[Problem, Setup, OptimizerResult]:
-    """The end of a search whose step follows the parameters: halved, and the search continued, while the step limits
-    them.
+    """The end of a search whose step is halved, and the search continued, while the step limits the parameters.
 
     Where they follow every step to its limit, no step is fine enough, and the first one stays.
     """

@@ -13,7 +13,7 @@ from tsmblocks.common.errors import DataError, in_words
 
 @attrs.frozen
 class TrackingError:
-    """How far an output stays from its reference: three numbers in ``unit``, from ``after`` [s] on.
+    """The deviation of an output from its reference: three numbers in ``unit``, from ``after`` [s] on.
 
     ``peak_to_peak`` is the largest minus the smallest error, ``rms`` its root mean square, ``largest``
     the greatest magnitude.

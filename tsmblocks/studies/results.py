@@ -279,8 +279,7 @@ class Results:
         }
 
     def plot(self, *metrics: str, ax: Any = None) -> Any:
-        """Plot the results as suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of
-        random runs.
+        """Plot the results by plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs.
 
         Parameters
         ----------
