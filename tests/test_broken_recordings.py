@@ -9,10 +9,11 @@ import zlib
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from tsmblocks.common import memory
 from tsmblocks.common.errors import DataError
-from tsmblocks.data import formats, read
+from tsmblocks.data import formats, read, text
 from tsmblocks.data.record import Record
 from tsmblocks.data.structures import MAX_NESTING
 
@@ -52,6 +53,14 @@ def test_a_cell_longer_than_the_reader_of_csv_takes(file):
 def test_a_line_without_end_is_refused_at_once(file):
     path = file("a.csv", "t,x\n0,1\n1," + "1 " * 10_000_000 + "\n2,3\n")
     assert refusal(path) == "a.csv: row 3 has 20,000,001 characters; at most 1,000,000 are read."
+
+
+def test_the_longest_line_that_is_read(file, monkeypatch):
+    monkeypatch.setattr(text, "MAX_LINE", 9)
+    assert read(file("a.csv", "t,x\n0,1\n1,2\n2,3\n3,4.56789\n")).names == ("x",)
+    assert refusal(file("a.csv", "t,x\n0,1\n1,2\n2,3\n3,4.567890\n")) == (
+        "a.csv: row 5 has 10 characters; at most 9 are read."
+    )
 
 
 def test_many_thousand_columns_are_refused(file):
@@ -143,6 +152,34 @@ def test_numbers_that_no_float_holds_are_missing_numbers(number, file):
     record = read(file("a.json", content))
     assert record.signals["x"][8] == 8.0  # interpolated
     assert "x" in record.notes[0]
+
+
+# ---- what is no file
+
+
+@pytest.mark.parametrize("given", [3, None, b"a.csv", [1, 2]])
+def test_what_is_no_path_is_answered_with_what_takes_it(given):
+    with pytest.raises(DataError) as caught:
+        read(given)
+    assert str(caught.value) == (
+        f"read takes the path of a file, got {given!r}. Of a frame tsm.from_pandas makes a recording, of arrays "
+        "tsm.Record(name, t, signals, units)."
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((["a", "b"], {}, {}), "a recording holds times and signals as numbers, got ['a', 'b']."),
+        (([0, 1], {"x": [1, 10**400]}, {}), f"a recording holds times and signals as numbers, got [1, 1{'0' * 54}…."),
+        (([0, 1], [1, 2], {}), "signals of a recording are a mapping by signal, got [1, 2]."),
+        (([0, 1], {"x": [1, 2]}, "rad"), "units of a recording are a mapping by signal, got 'rad'."),
+    ],
+)
+def test_what_is_no_recording(arguments, said):
+    with pytest.raises(DataError) as caught:
+        Record("a", *arguments)
+    assert str(caught.value) == said
 
 
 # ---- NumPy
@@ -300,7 +337,6 @@ def test_objects_beside_signals_are_left_out_and_empty_cells_are_whole(file):
 
 
 def test_mat_files_of_scipy_are_whole(tmp_path):
-    from scipy.io import savemat
     from scipy.sparse import csc_matrix
 
     kinds = {
@@ -311,6 +347,25 @@ def test_mat_files_of_scipy_are_whole(tmp_path):
     for compressed in (False, True):
         savemat(tmp_path / "a.mat", kinds, do_compression=compressed)
         assert set(read(tmp_path / "a.mat").names) >= {"x"}
+
+
+def test_a_mat_file_of_text_alone(tmp_path):
+    savemat(tmp_path / "a.mat", {"note": "no signals"})
+    assert refusal(tmp_path / "a.mat") == (
+        "a.mat: no arrays of one length were found that could be signals. Numeric arrays: none."
+    )
+
+
+def test_a_mat_file_larger_than_the_memory(tmp_path, monkeypatch):
+    savemat(tmp_path / "a.mat", {"t": T, "x": T}, do_compression=True)
+    monkeypatch.setattr(memory, "SMALL", 0)
+    monkeypatch.setattr(memory, "free_memory", lambda: 100.0)
+    assert refusal(tmp_path / "a.mat").startswith("a.mat: a variable, unpacked, would take")
+
+
+def test_fewer_names_than_a_matrix_has_columns_leave_the_others_out(tmp_path):
+    np.save(tmp_path / "a.npy", np.column_stack([T, T**2, T**3]))
+    assert read(tmp_path / "a.npy", columns="t, x [deg]").names == ("x",)
 
 
 def test_a_variable_is_measured_while_it_is_unpacked(file, monkeypatch):
