@@ -13,6 +13,7 @@ from tests.tolerances import BACKENDS, EXACT
 from tsmblocks.blocks import Constant, Integrator, Sine
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.engine import code_cache, jit, session
+from tsmblocks.model.block import Block, Input, Output, State, block, parameter, state
 
 STEPS = {"stop": 0.2, "step": 1e-3}
 
@@ -55,6 +56,38 @@ def test_lanes_compute_functions_of_libm_one_by_one():
     k = k[:, None]
     expected = np.arctan2(u, k) + np.arcsin(k * u / 2) + np.fmod(u, k) + np.log1p(k * u * u)
     assert np.abs(batch["y"] - expected).max() < EXACT
+
+
+@block(register=False)
+class Still(Block):
+    """A state that never moves and an output that is always zero: results without any operation."""
+
+    scale: float = parameter(default=1.0, about="scale")
+    z: State = state(default=3.0, about="what stays")
+    u = Input("in")
+    y = Output("nothing")
+    kept = Output("what stays")
+
+    def outputs(self, t, x, u):
+        return dict(y=0.0, kept=self.scale * x.z)
+
+    def derivatives(self, t, x, u):
+        return dict(z=0.0)
+
+
+@pytest.mark.parametrize("form", ["registers", "pieces"])
+@pytest.mark.parametrize("method", ["euler", "rk4", "sdirk3"])
+def test_results_that_are_zero_whatever_happens(form, method, request):
+    if form == "pieces":
+        request.getfixturevalue("in_pieces")
+    d = tsm.Diagram(
+        title="still", blocks={"s": Sine(), "q": Still()}, wires=["s -> q"], outputs={"y": "q.y", "kept": "q.kept"}
+    )
+    run = tsm.simulate(d, method=method, **STEPS)
+    assert (set(run["y"]), set(run["kept"])) == ({0.0}, {3.0})
+    batch = tsm.simulate_batch(d, {"q.scale": [1.0, 2.0, 4.0]}, method=method, **STEPS)
+    assert [set(row) for row in batch["kept"]] == [{3.0}, {6.0}, {12.0}]
+    assert not batch["y"].any()
 
 
 @pytest.mark.parametrize("backend", ["llvm", "casadi"])
