@@ -76,8 +76,8 @@ def without_columns(made: Arrays, names: Sequence[str]) -> Arrays:
 
 def refuse_twice(origin: str, names: Sequence[str]) -> None:
     """Raise DataError for a name that several columns have: only one of them could be read under it."""
-    if len({*names}) < len(names):
-        name, count = Counter(names).most_common(1)[0]
+    name, count = Counter(names).most_common(1)[0] if names else ("", 0)
+    if count > 1:
         raise DataError(f"{origin}: there are {count} columns named '{name}'; give each a name of its own.")
 
 

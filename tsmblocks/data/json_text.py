@@ -102,8 +102,10 @@ def _json(path: Path) -> Any:
     text = path.read_text(encoding="utf-8", errors="replace").removeprefix("\ufeff")
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        refuse_twice(str(path), [name for name, _ in pairs])
-        return dict(pairs)
+        made = dict(pairs)
+        if len(made) < len(pairs):
+            refuse_twice(str(path), [name for name, _ in pairs])
+        return made
 
     read = functools.partial(json.loads, parse_int=_integer, object_pairs_hook=unique)
     try:
