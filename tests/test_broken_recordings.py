@@ -470,6 +470,39 @@ def test_a_broken_mdf_file_and_a_group_that_there_is_not(tmp_path, file):
     assert said.startswith("a.mf4: this is not an MDF file that can be read (")
 
 
+@pytest.mark.parametrize("wrong", [0.4, 0.3, np.nan])
+def test_a_slow_channel_of_an_mdf_file_whose_time_stands_or_falls(wrong, tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    slow = T[::2].copy()
+    slow[3] = wrong  # after 0.4
+    slow[2] = 0.4
+    with asammdf.MDF(version="4.10") as made:
+        made.append([asammdf.Signal(np.sin(T), T, name="x")])
+        made.append([asammdf.Signal(T[::2] ** 2, slow, name="y")])
+        made.save(tmp_path / "run.mf4")
+    record = read(tmp_path / "run.mf4", rows=(1, 19))
+    assert np.abs(record["y"] - T[:19] ** 2).max() < 0.03  # beside the gap too
+    left = "" if np.isnan(wrong) else " (1 of its samples left out, as time does not increase)"
+    assert f"Interpolated at the times of the group with most samples: y{left}." in record.notes
+
+
+def test_nothing_is_printed_of_a_damaged_mdf_file(tmp_path, file, capfd):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF(version="4.10") as made:
+        made.append([asammdf.Signal(np.sin(T), T, name="x")])
+        made.save(tmp_path / "run.mf4")
+    content = (tmp_path / "run.mf4").read_bytes()
+    refused = 0
+    for k in range(64, len(content), 97):
+        path = file("a.mf4", content[:k] + b"\0" * 8 + content[k + 8 :])
+        try:
+            read(path)
+        except DataError:
+            refused += 1
+    assert refused >= 3
+    assert capfd.readouterr() == ("", "")
+
+
 def test_columns_of_no_rows(tmp_path):
     pyarrow = pytest.importorskip("pyarrow")
     parquet = pytest.importorskip("pyarrow.parquet")

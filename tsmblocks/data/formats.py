@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import gc
+import io
+import logging
 import sys
 import zipfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from datetime import date, datetime, time, timedelta
 from pathlib import Path
 from typing import Any, NoReturn
@@ -206,7 +208,7 @@ def open_mdf(path: Path, columns: Sequence[str] | None, group: str | None = None
 
 def _channel_groups(path: Path, reader: Any) -> tuple[list[list[Channel]], list[str]]:
     """The channels of each group of an MDF file, and the names of the groups. Raises DataError where it is damaged."""
-    with _failing_deletions_ignored():
+    with _nothing_printed():
         try:
             with reader(path) as file:
                 groups = [_channels(file, k) for k in range(len(file.groups))]
@@ -219,13 +221,16 @@ def _channel_groups(path: Path, reader: Any) -> tuple[list[list[Channel]], list[
 
 
 @contextmanager
-def _failing_deletions_ignored() -> Iterator[None]:
-    """Show no traceback of an object that fails when it is deleted, as asammdf leaves them of damaged files."""
+def _nothing_printed() -> Iterator[None]:
+    """Print neither what asammdf says of damaged files nor tracebacks of objects that fail when they are deleted."""
+    log = logging.getLogger("asammdf")
     shown, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    was, log.disabled = log.disabled, True
     try:
-        yield
+        with redirect_stdout(io.StringIO()):  # where a channel cannot be read it shows the whole file
+            yield
     finally:
-        sys.unraisablehook = shown
+        sys.unraisablehook, log.disabled = shown, was
 
 
 Channel = tuple[str, np.ndarray, np.ndarray, str]
@@ -240,9 +245,11 @@ def _on_one_grid(groups: Sequence[Sequence[Channel]]) -> tuple[dict[str, np.ndar
             label = name if name not in found else f"{k}/{name}"
             if not found:
                 found["t"], units["t"] = t, "s"
-            if not np.array_equal(t, found["t"]):
-                slower.append(label)
-            found[label] = x if np.array_equal(t, found["t"]) else _at(found["t"], t, x)
+            if np.array_equal(t, found["t"]):
+                found[label] = x
+            else:
+                found[label], left = _at(found["t"], t, x)
+                slower.append(label + (f" ({left} of its samples left out, as time does not increase)" if left else ""))
             units |= {label: unit} if unit else {}
     return found, units, slower
 
@@ -260,12 +267,17 @@ def _channels(file: Any, group: int) -> list[Channel]:
     return made
 
 
-def _at(grid: np.ndarray, t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """A channel at other times, NaN where it was not recorded; half a step beyond its ends it keeps its value."""
-    known = np.isfinite(x)
+def _at(grid: np.ndarray, t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, int]:
+    """A channel at other times, NaN where it was not recorded; half a step beyond its ends it keeps its value.
+
+    Samples at which time does not increase are left out; the second result is their number.
+    """
+    known = np.isfinite(x) & np.isfinite(t)
     t, x = t[known], x[known]
+    later = np.append(True, t[1:] > np.maximum.accumulate(t)[:-1]) if len(t) else np.empty(0, dtype=bool)
+    t, x, left = t[later], x[later], int(np.sum(~later))
     if len(t) < 2:
-        return np.full(len(grid), np.nan)
+        return np.full(len(grid), np.nan), left
     made: np.ndarray = interpolation(t, x, found_hold(t, x))(np.clip(grid, t[0], t[-1]))
     beyond = 0.5 * step_of(t)
-    return np.where((grid >= t[0] - beyond) & (grid <= t[-1] + beyond), made, np.nan)
+    return np.where((grid >= t[0] - beyond) & (grid <= t[-1] + beyond), made, np.nan), left
