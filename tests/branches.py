@@ -23,6 +23,9 @@ WHOLE = (
     "tests/test_hostile_files.py::test_what_",
     "tests/test_diagnosis_axis.py::test_the_delay_that_is_missing_is_named",
     "tests/test_diagnosis_window.py::",
+    "tests/test_errors.py::",
+    "tests/test_events.py::test_a_relay_in_sliding_mode_warns_once_and_goes_on_plainly",
+    "tests/test_kernel_forms.py::",
     "tests/test_report.py::",
 )
 TRACED = coverage.Coverage(branch=True, source=["tsmblocks"], data_suffix=True, messages=False)

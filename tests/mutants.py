@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 NEAREST = {
     "tsmblocks/compiler/compile.py": ["tests/test_compile.py", "tests/test_loops.py", "-k", "not large and not fit"],
     "tsmblocks/engine/register_kernel.py": [
+        "tests/test_kernel_forms.py",
         "tests/test_engine.py",
         "-k",
         "not writers and not by_hand and not hand_written and not machine_code",

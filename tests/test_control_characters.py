@@ -12,10 +12,11 @@ import tsmblocks as tsm
 from tsmblocks.blocks import Constant, FirstOrderLag, Gain
 from tsmblocks.cli import main
 from tsmblocks.common.errors import DataError
-from tsmblocks.draw import to_mermaid, to_svg
+from tsmblocks.draw import to_mermaid, to_pdf, to_png, to_svg
 from tsmblocks.draw.picture import fitted, text_width
 
 EVIL = "a\x1b[31m\x07\x00\x9b31m\u202e\r]]>%%{init: {}}%%`x`<script>\"'&#\x7f"
+EVIL_NAME = f"{EVIL}\ud800\uffff"
 CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 
@@ -79,6 +80,27 @@ def test_headings_of_recordings_reach_no_message(tmp_path, capsys):
     captured = capsys.readouterr()
     assert captured.err
     assert not CONTROLS.search(captured.out + captured.err)
+
+
+@pytest.mark.parametrize("draw", [to_svg, to_mermaid])
+def test_halves_of_characters_and_what_xml_cannot_hold_are_replaced(draw):
+    one = tsm.Diagram(title=EVIL_NAME, blocks={"g": Gain()}, inputs={"u": "g"}, outputs={"y": "g"})
+    text = draw(one, values={"y": EVIL_NAME}) if draw is to_svg else draw(one)
+    assert "\ufffd" in text
+    if draw is to_svg:
+        ET.fromstring(text.encode())
+
+
+@pytest.mark.parametrize(("ending", "draw"), [("png", to_png), ("pdf", to_pdf)])
+def test_files_of_pictures_have_no_letters_for_control_characters(ending, draw, tmp_path):
+    draw(diagram(), tmp_path / f"evil.{ending}", values={"y": "a\x1bb"})  # a letter that is missing is a warning
+    assert (tmp_path / f"evil.{ending}").stat().st_size > 1000
+
+
+def test_a_recording_is_shown_without_control_characters_and_with_names_cut():
+    record = tsm.Record("a\x1b", [0, 1, 2, 3], {EVIL_NAME: [0, 1, 2, 3], "y" * 10_000: [0, 1, 2, 3]}, {EVIL_NAME: EVIL})
+    assert not CONTROLS.search(repr(record))
+    assert len(repr(record).encode()) < 500
 
 
 def test_values_in_files_stay_what_they_are():

@@ -1,6 +1,7 @@
 """Recordings in JSON, Excel, Parquet and MDF files, each the same as the CSV file of the same numbers."""
 
 import datetime
+import decimal
 import json
 import sys
 
@@ -42,7 +43,7 @@ ROWS = [dict(zip(LISTS, row, strict=True)) for row in zip(*LISTS.values(), stric
 def test_json(tmp_path, content):
     path = tmp_path / "run.json"
     path.write_text(json.dumps(content))
-    assert same(tsm.read(path))
+    assert same(tsm.read(path), notes=int("mode" in content))
 
 
 def test_json_lines_groups_and_missing_numbers(tmp_path):
@@ -103,10 +104,48 @@ def test_parquet(tmp_path):
     schema = pyarrow.schema([*fields, pyarrow.field("y", "double"), pyarrow.field("mode", "string")])
     columns = {"t": T, "x": X, "y": Y, "mode": ["idle"] * len(T)}
     parquet.write_table(pyarrow.table(columns, schema=schema), tmp_path / "run.parquet")
-    assert same(tsm.read(tmp_path / "run.parquet"))
+    assert same(tsm.read(tmp_path / "run.parquet"), notes=1)
+    assert tsm.read(tmp_path / "run.parquet").notes == ("Left out, being no numbers: mode.",)
     (tmp_path / "bad.parquet").write_bytes(b"PAR1")
     with pytest.raises(DataError, match="not a Parquet file"):
         tsm.read(tmp_path / "bad.parquet")
+
+
+def test_parquet_with_instants_durations_and_decimals(tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    path, count = tmp_path / "run.parquet", 12
+    year = 365 * 86_400
+    far = pyarrow.array([(1_000 * k - 1_970) * year for k in range(count)], pyarrow.timestamp("s"))  # 11,000 years
+    lasting = pyarrow.array([datetime.timedelta(milliseconds=5 * k) for k in range(count)])
+    exact = pyarrow.array([decimal.Decimal(k) / 8 for k in range(count)], pyarrow.decimal128(9, 3))
+    never = pyarrow.array([None] * count, pyarrow.timestamp("ns"))
+    columns = {"t": far, "d": lasting, "x": exact, "never": never}
+    parquet.write_table(pyarrow.table(columns), path)
+    record = tsm.read(path, only=["d", "x"])
+    np.testing.assert_array_equal(record.t, 1_000.0 * year * np.arange(count))
+    np.testing.assert_allclose(record["d"], 5e-3 * np.arange(count))
+    np.testing.assert_array_equal(record["x"], np.arange(count) / 8)
+    assert (record.unit("d"), record.unit("x")) == ("s", "")
+    with pytest.raises(DataError, match=r"column 4 \(never \[s\]\) has no number in rows 1 to 12"):
+        tsm.read(path)
+    late = pyarrow.array([None, *range(count - 1)], pyarrow.timestamp("ms"))
+    parquet.write_table(pyarrow.table({"t": pyarrow.array(range(count)), "late": late}), path)
+    with pytest.raises(DataError, match=r"column 2 \(late \[s\]\) has no number in row 1\."):
+        tsm.read(path)
+
+
+def test_excel_with_durations_truth_values_and_a_chart(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book, path = openpyxl.Workbook(), tmp_path / "run.xlsx"
+    book.active.append(["t", "on"])
+    for k in range(30):
+        book.active.append([datetime.timedelta(hours=23, seconds=k * 120.5), k % 2 == 0])
+    book.save(path)
+    record = tsm.read(path)
+    np.testing.assert_allclose(record.t, 23 * 3600 + 120.5 * np.arange(30), atol=1e-3)
+    np.testing.assert_array_equal(record["on"], 1.0 - np.arange(30) % 2)
 
 
 def test_mdf_with_channels_of_two_rates(tmp_path):

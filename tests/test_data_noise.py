@@ -312,6 +312,7 @@ def test_an_input_whose_noise_lengthens_its_path_is_named():
     )
     assert second.startswith("n is noisy: its path is ")
     assert cautions(rough, "clean") == ()
+    assert cautions(record(T[:4], n=white(1.0)[:4])) == ()  # too short to be filtered
     assert cautions(rough.filtered(["q", "n"])) == ()
     t = T + 0.003 * np.sin(np.arange(len(T)))
     assert cautions(record(t, x=np.sin(t) + white(0.02)))[0].startswith("x is noisy")

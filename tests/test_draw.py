@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import tsmblocks as tsm
 from tsmblocks.blocks import (
     PID,
     Constant,
@@ -779,6 +780,46 @@ def test_png_has_the_size_of_the_picture(tmp_path):
     first = (tmp_path / "b.png").read_bytes()
     to_png(Diagram(blocks={"inner": INNER}, inputs={"r": "inner.r"}), str(tmp_path / "b.png"))
     assert first == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize("scale", [0, -1, float("nan"), float("inf"), "2", None])
+def test_png_needs_a_scale(scale, tmp_path):
+    with pytest.raises(TsmError) as caught:
+        to_png(tsm.load("motor_linear"), tmp_path / "d.png", scale)
+    assert str(caught.value) == f"scale must be a positive number, got {scale!r}."
+
+
+def test_png_larger_than_can_be_drawn(tmp_path, monkeypatch):
+    motor = tsm.load("motor_linear")
+    with pytest.raises(TsmError) as caught:
+        to_png(motor, tmp_path / "d.png", 1000)
+    assert str(caught.value) == (
+        "a drawing of 502 by 178 is too large at scale 1000: at most 65,535 pixels are drawn in each direction. Take a "
+        "smaller scale or wrap, or a PDF file."
+    )
+    monkeypatch.setattr("tsmblocks.common.memory.free_memory", lambda: 1e9)
+    with pytest.raises(TsmError, match=r"drawing it would take 7.15 GB of memory, .* Take a smaller scale\."):
+        to_png(motor, tmp_path / "d.png", 100)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"values": "x"}, """values must be a mapping by name, such as {"motor.y": 0.5}, got 'x'."""),
+        ({"values": {1: 2}}, 'values takes names, such as {"motor.y": 0.5}, got 1.'),
+        ({"values": {"x": 10**400}}, f"the value to write on 'x' must be a number or text, got 1{'0' * 58}…."),
+        ({"loops": 1}, "loops takes algebraic loops or lists of the signals around each, got 1."),
+        ({"loops": ["motor.y"]}, "loops takes algebraic loops or lists of the signals around each, got 'motor.y'."),
+        ({"parameters": "no"}, "parameters must be True or False, got 'no'."),
+        ({"inside": "."}, "diagram 'Motor as a linear transfer function' has no diagram '' inside. There are none."),
+        ({"theme": []}, "there is no theme '[]'. Known here: auto, dark, light."),
+    ],
+)
+def test_every_option_of_a_drawing_is_checked(options, text):
+    with pytest.raises(TsmError) as caught:
+        to_svg(tsm.load("motor_linear"), **options)
+    assert str(caught.value) == text
 
 
 def test_png_goes_into_png_files(tmp_path):

@@ -17,7 +17,7 @@ from tsmblocks.diagnosis.insertion_points import InsertionPoint
 from tsmblocks.diagnosis.presentation import main_sizes
 from tsmblocks.diagnosis.quantities import Estimate, detectable_size
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
-from tsmblocks.effects import Scales, Size, Span, catalogue
+from tsmblocks.effects import Scales, Size, Span, catalogue, registered
 from tsmblocks.effects.effect import parameters_of, sizes_of
 from tsmblocks.fitting.parameters import Unknown
 
@@ -107,6 +107,33 @@ def test_faults_in_sizes_are_refused():
         Size("gap", 2)
     with pytest.raises(ParameterError, match="sizes must be Size objects, got 'gap'"):
         attrs.evolve(effect("backlash"), sizes=("gap",))
+    with pytest.raises(ParameterError, match="size 'gap': unit must be text, got None"):
+        Size("gap", lambda p, _: 0.0, None)
+    twice = [Size("gap", lambda p, _, k=k: k) for k in (1.0, 2.0)]
+    with pytest.raises(ParameterError, match="effect 'backlash': two of its sizes are named 'gap'"):
+        attrs.evolve(effect("backlash"), sizes=twice)
+
+
+@pytest.mark.parametrize(
+    ("function", "why"),
+    [
+        (lambda p, _: p["width"], "KeyError: 'width'"),
+        (lambda p, _: "wide", "ValueError: could not convert string to float: 'wide'"),
+        (lambda p, scales: scales.reach, "AttributeError: 'Scales' object has no attribute 'reach'"),
+    ],
+)
+def test_a_function_of_a_size_that_fails_is_named_before_the_search(function, why):
+    t = np.arange(0, 5, 0.02)
+    data = tsm.Record("run", t, {"x_in": np.sin(2 * t), "x_out": np.sin(2 * t)}, {"x_in": "rad", "x_out": "rad"})
+    wide = attrs.evolve(effect("backlash"), name="wide", sizes=(Size("gap", function),))
+    with registered(wide), pytest.raises(ParameterError) as caught:
+        tsm.diagnose(tsm.load("tendon_sheath_linear"), data, effects=["wide"])
+    assert str(caught.value) == f"effect 'wide': the function of its size 'gap' fails. {why}"
+
+
+def test_a_size_that_is_divided_by_zero_is_left_out():
+    made = attrs.evolve(effect("backlash"), sizes=(Size("ratio", lambda p, _: 1 / (0 * p["half_width"])),))
+    assert sizes(made, half_width=0.1) == {}
 
 
 def estimate(names, theta, covariance, experiments=()):

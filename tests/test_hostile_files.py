@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tsmblocks.blocks import Gain, Random
-from tsmblocks.common.errors import MOST_PROBLEMS, DiagramError, FileError, ParameterError, TsmError
-from tsmblocks.files import dumps, load, loads, positions, save, toml_text
+from tsmblocks.common.errors import MOST_PROBLEMS, DiagramError, FileError, ParameterError, TsmError, without_controls
+from tsmblocks.files import dumps, faults, load, loads, positions, reader, save, toml_text
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import MOST_BYTES
 from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, option, parameter
@@ -790,6 +790,39 @@ def test_keys_without_end_are_read_no_further(monkeypatch):
     monkeypatch.setattr(positions, "MOST_KEYS", 3)
     said = ["loop.toml:4: the file holds more than 3 keys and texts; it is not read further."]
     assert refused("a = 1\nb = 1\nc = 1\nd = 1\ne = 1\n")[0] == said
+
+
+@pytest.mark.parametrize(
+    ("limit", "line", "said"),
+    [
+        (
+            "MOST_BLOCKS",
+            'b = { use = "motor_linear" }',
+            "5: up to block 'b' there are 2 blocks, with those of the diagrams in use; at most 1 are read.",
+        ),
+        ("MOST_LINKS", 'b = "x"', "2: the wires hold 3 connections; at most 1 are read."),
+    ],
+)
+def test_more_than_is_read_is_one_fault_beside_the_others(limit, line, said, monkeypatch):
+    monkeypatch.setattr(reader, limit, 1)
+    text = f'format = 1\nwires = ["a -> c, d, e"]\n[blocks]\na = {{ type = "Sine", gain = 1 }}\n{line}\n'
+    problems, _ = refused(text)
+    assert f"loop.toml:{said}" in problems
+    assert not any("c" in p.split("'") for p in problems)
+
+
+def test_of_faults_without_end_the_first_are_said(monkeypatch):
+    monkeypatch.setattr(faults, "MOST_FAULTS", 3)
+    problems, _ = refused("format = 1\n[blocks]\n" + "".join(f'a{k} = {{ type = "Nope{k}" }}\n' for k in range(9)))
+    assert [p.partition(": ")[0] for p in problems] == ["loop.toml:3", "loop.toml:4", "loop.toml:5"]
+
+
+@pytest.mark.parametrize("name", ["", " a", "a\\b", "a\u202eb"])
+def test_what_is_no_name_of_a_diagram_is_not_looked_for(name):
+    problems, _ = refused(f"format = 1\n[blocks]\na = {{ use = '{name}' }}\n")
+    assert [without_controls(p) for p in problems] == [
+        f"loop.toml:3: block 'a': use = '{without_controls(name)}' is not the name of a diagram."
+    ]
 
 
 def test_a_caller_deep_in_its_stack_gets_a_message():

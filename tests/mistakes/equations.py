@@ -287,6 +287,25 @@ def a_sampled_block_without_a_period():
     compiled(Mine)
 
 
+@mistake(
+    EquationError,
+    "mine: Mine.outputs calls the CasADi function 'cube' for y, whose operations cannot be seen. Make it without the option never_inline.",
+)
+def a_function_of_casadi_that_stays_a_call():
+    z = ca.SX.sym("z")
+    cube = ca.Function("cube", [z], [z**3], {"never_inline": True})
+
+    @block(register=False)
+    class Mine(Block):
+        u = Input("in")
+        y = Output("out")
+
+        def outputs(self, t, x, u):
+            return dict(y=cube(u.u))
+
+    compiled(Mine)
+
+
 @mistake(EquationError, "mine: Mine.outputs fails: KeyError: 'gain'. See HERE.", cause=True)
 def a_block_that_fails_inside():
     @block(register=False)

@@ -40,8 +40,11 @@ MOST_CHARACTERS = 1500
 """Characters of one problem that are printed (a loop may have thousands of blocks). Chosen: a screen of text."""
 
 
-CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Characters that control a terminal, end lines, or reverse the direction of text; not tabs and new lines."""
+CONTROLS = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]"
+)
+"""Characters that control a terminal, end lines, or reverse the direction of text, and those that no text in UTF-8 or
+XML can hold; not tabs and new lines."""
 
 
 def without_controls(text: str) -> str:

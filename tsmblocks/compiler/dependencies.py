@@ -164,6 +164,7 @@ def _analysed(block: Block) -> Structure:
         raise EquationError(f"{owner} is sampled and needs an option 'period' in s.")
     for (kind, name), expression in made.results.items():
         _no_nan(owner, EQUATIONS[kind], name, expression)
+        _no_call(owner, EQUATIONS[kind], name, expression)
     x = ca.vertcat(*(getattr(made.x, name) for name in dx))
     return Structure(
         outputs={k: _inputs_in(v, made.u) for k, v in y.items()},
@@ -237,3 +238,15 @@ def _no_nan(owner: str, equation: str, name: str, expression: Any) -> None:
             f"{owner}.{equation} makes {name} not a number. Inside equations use casadi's functions "
             "(ca.tanh, ca.fabs), not math's or float()."
         )
+
+
+def _no_call(owner: str, equation: str, name: str, expression: Any) -> None:
+    """Raise EquationError for a call that CasADi keeps as a call: machine code is made of operations."""
+    f = ca.Function("f", ca.symvar(expression), [expression])
+    nodes = f.instructions_sx()
+    for k in range(f.n_instructions()):
+        if f.instruction_id(k) == ca.OP_CALL:
+            raise EquationError(
+                f"{owner}.{equation} calls the CasADi function '{nodes[k].which_function().name()}' for {name}, whose "
+                "operations cannot be seen. Make it without the option never_inline."
+            )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,19 @@ def arrays(origin: str, found: Mapping[str, Any], columns: Sequence[str] | None,
     notes = (f"Left out, being of another length than {of} ({length}): {others}.",) if others else ()
     headings = [unambiguous_heading(k, units[k]) if k in units else k for k in kept]
     return Arrays(origin, headings, notes, columns=list(kept.values()))
+
+
+def without_columns(made: Arrays, names: Sequence[str]) -> Arrays:
+    """The arrays with a note of columns that do not hold numbers."""
+    note = f"Left out, being no numbers: {', '.join(names)}."
+    return attrs.evolve(made, notes=(*made.notes, note)) if names else made
+
+
+def refuse_twice(origin: str, names: Sequence[str]) -> None:
+    """Raise DataError for a name that several columns have: only one of them could be read under it."""
+    name, count = Counter(names).most_common(1)[0] if names else ("", 0)
+    if count > 1:
+        raise DataError(f"{origin}: there are {count} columns named '{name}'; give each a name of its own.")
 
 
 def _of_length(known: Mapping[str, np.ndarray], length: int) -> dict[str, np.ndarray]:

@@ -15,7 +15,7 @@ from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError, clip, in_words, near
 from tsmblocks.common.tables import listed
 from tsmblocks.common.units import UnitError, factor, same, split_heading
-from tsmblocks.data import containers, formats, text
+from tsmblocks.data import containers, formats, json_text, text
 from tsmblocks.data.grid import usual_step
 from tsmblocks.data.missing_units import how_to_map, map_argument
 from tsmblocks.data.record import Record
@@ -28,9 +28,9 @@ READERS = {
     ".mat": containers.open_mat,
     ".h5": containers.open_hdf5,
     ".hdf5": containers.open_hdf5,
-    ".json": formats.open_json,
-    ".jsonl": formats.open_json,
-    ".ndjson": formats.open_json,
+    ".json": json_text.open_json,
+    ".jsonl": json_text.open_json,
+    ".ndjson": json_text.open_json,
     ".xlsx": formats.open_xlsx,
     ".xlsm": formats.open_xlsx,
     ".parquet": formats.open_parquet,

@@ -1,25 +1,25 @@
-"""Reading recordings from JSON, Excel, Parquet and MDF files, and errors for other known formats."""
+"""Reading recordings from Excel, Parquet and MDF files, and errors for other known formats."""
 
 from __future__ import annotations
 
 import gc
-import json
+import io
+import logging
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from datetime import date, datetime, time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from datetime import date, datetime, time, timedelta
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
-from tsmblocks.common.errors import DataError, clip, in_words, near
+from tsmblocks.common.errors import DataError, clip, near
 from tsmblocks.common.interpolation import found_hold, interpolation
 from tsmblocks.common.memory import refuse_too_large
-from tsmblocks.data.containers import COPIES, Arrays, arrays
+from tsmblocks.data.containers import COPIES, Arrays, arrays, refuse_twice, without_columns
 from tsmblocks.data.grid import step_of
-from tsmblocks.data.structures import MAX_NESTING
 from tsmblocks.data.text import Text, text_of
 
 UNREAD = {
@@ -31,14 +31,10 @@ UNREAD = {
     ".pickle": "a Python pickle, which may run any code",
 }
 """Formats that are refused, by ending: read as text, each of them would give a misleading fault."""
-JSON_BYTES = 20
-"""Bytes of memory for one of a JSON file. Derived: a list takes 56 bytes and its place in another 8, of "[],"."""
 XML_BYTES = 3
 """Bytes of memory for one of the XML in an Excel file. Chosen: a cell takes as much there as in memory, about."""
 MOST_CELLS = 50_000_000
 """Cells that a sheet may cover. Chosen: passing them takes some ten seconds."""
-MAX_DIGITS = 300
-"""Digits from which a whole number is infinite. Chosen: floats end at 1.8e308."""
 
 
 def _refuse_without(path: Path, what: str, package: str, extra: str) -> NoReturn:
@@ -70,92 +66,6 @@ def refuse_unread(path: Path) -> None:
         )
 
 
-# ---- JSON
-
-
-def open_json(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
-    """Lists of numbers by name, rows as objects (in one list, or one on each line), or rows with ``columns``.
-
-    An object ``units`` gives units by name. Objects within objects are named ``group/name``.
-    """
-    found = _json(path)
-    for key in (group or "").strip("/").split("/") if group else ():
-        if not isinstance(found, dict) or key not in found:
-            raise DataError(
-                f"{path}: there is no group '{group}'.{near(key, found if isinstance(found, dict) else ())}"
-            )
-        found = found[key]
-    if isinstance(found, dict) and isinstance(found.get("columns"), list) and isinstance(found.get("data"), list):
-        found = _split(path, found["columns"], found["data"])
-    if isinstance(found, dict):
-        inner = [v for v in found.values() if _are_rows(v)]
-        found = inner[0] if len(inner) == 1 and not any(map(_numbers, found.values())) else found
-    if _are_rows(found):
-        names = dict.fromkeys(k for row in found for k in row)
-        found = {k: [row.get(k) for row in found] for k in names}
-    if not isinstance(found, dict):
-        raise DataError(
-            f"{path}: the JSON must hold lists of numbers by name, or rows as objects, not {in_words(found)}."
-        )
-    units = found.get("units")
-    labels = {str(k): str(v) for k, v in units.items()} if isinstance(units, dict) else {}
-    named = {k: v for k, v in _flat(found) if v is not None}
-    return arrays(str(path), named, columns, labels)
-
-
-def _split(path: Path, columns: list[Any], rows: list[Any]) -> dict[str, Any]:
-    """Columns of a table as pandas writes it with ``orient="split"``. Raises DataError for a row of another length."""
-    for k, row in enumerate(rows, 1):
-        if not isinstance(row, list) or len(row) != len(columns):
-            raise DataError(f"{path}: row {k} of 'data' must list {len(columns)} values, not {in_words(row)}.")
-    return {str(name): [row[i] for row in rows] for i, name in enumerate(columns)}
-
-
-def _json(path: Path) -> Any:
-    """The content of a JSON file, or the list of the lines of one that has an object on each."""
-    refuse_too_large(JSON_BYTES * path.stat().st_size, f"{path}: reading it")
-    text = path.read_text(encoding="utf-8", errors="replace").removeprefix("\ufeff")
-    try:
-        return json.loads(text, parse_int=_integer)
-    except (ValueError, RecursionError) as error:
-        lines = [line for line in text.splitlines() if line.strip()]
-        try:
-            if len(lines) > 1:
-                return [json.loads(line, parse_int=_integer) for line in lines]
-        except (ValueError, RecursionError):
-            pass
-        raise DataError(f"{path}: this is not JSON that can be read ({error}).") from None
-
-
-def _integer(text: str) -> float:
-    """A whole number; infinity for one that no float holds, as JSON reads 1e400."""
-    return int(text) if len(text) < MAX_DIGITS else float("-inf" if text.startswith("-") else "inf")
-
-
-def _are_rows(value: Any) -> bool:
-    return isinstance(value, list) and len(value) > 0 and all(isinstance(row, dict) for row in value)
-
-
-def _numbers(value: Any) -> np.ndarray | None:
-    """A list of numbers, null being none; None for anything else."""
-    if not isinstance(value, list) or not value:
-        return None
-    try:
-        return np.array([np.nan if v is None else v for v in value], dtype=float)
-    except (TypeError, ValueError):
-        return None
-
-
-def _flat(found: Mapping[str, Any], above: str = "", depth: int = 0) -> Iterator[tuple[str, np.ndarray | None]]:
-    """Every list of numbers with its path."""
-    for name, value in found.items():
-        if isinstance(value, dict):
-            if depth < MAX_NESTING:
-                yield from _flat(value, f"{above}{name}/", depth + 1)
-        else:
-            yield f"{above}{name}", _numbers(value)
-
-
 # ---- Excel
 
 
@@ -171,9 +81,10 @@ def open_xlsx(path: Path, columns: Sequence[str] | None, group: str | None = Non
                 size = sum(one.file_size for one in archive.infolist())
             refuse_too_large(XML_BYTES * size, f"{path}: reading it")
             book = load_workbook(file, read_only=True, data_only=True)
-            if group is not None and group not in book.sheetnames:
-                raise DataError(f"{path}: there is no sheet '{group}'.{near(group, book.sheetnames)}")
-            sheet = book[group] if group else book.worksheets[0]
+            names = [one.title for one in book.worksheets]  # without sheets that are charts
+            if group is not None and group not in names:
+                raise DataError(f"{path}: there is no sheet '{group}'.{near(group, names)}")
+            sheet = book.worksheets[names.index(group) if group else 0]
             rows = _sheet_rows(path, sheet)
     except DataError:
         raise
@@ -181,7 +92,7 @@ def open_xlsx(path: Path, columns: Sequence[str] | None, group: str | None = Non
         raise DataError(f"{path}: this is not an XLSX file that can be read ({error}).") from None
     width = max((k + 1 for row in rows for k, cell in enumerate(row) if cell), default=0)
     whole = "\n".join("\t".join([*row[:width], *[""] * (width - len(row))]) for row in rows)
-    others = [name for name in book.sheetnames if name != sheet.title]
+    others = [name for name in names if name != sheet.title]
     notes = (
         (f"Read from the sheet '{sheet.title}'; there are also {', '.join(others)}.",) if others and not group else ()
     )
@@ -190,18 +101,22 @@ def open_xlsx(path: Path, columns: Sequence[str] | None, group: str | None = Non
 
 def _sheet_rows(path: Path, sheet: Any) -> list[list[str]]:
     """The cells of a sheet as text. Raises DataError where one far off makes it cover more than a file can fill."""
-    rows, visited = [], 0
+    rows, visited, size = list[list[str]](), 0, 0
     for row in sheet.iter_rows(values_only=True):
         visited += len(row)
         if visited > MOST_CELLS:
             raise DataError(f"{path}: the sheet '{sheet.title}' covers more than {MOST_CELLS:,} cells.")
         filled = next((k for k in range(len(row), 0, -1) if row[k - 1] is not None), 0)
         rows.append([_cell(value) for value in row[:filled]])
+        size += COPIES * sum(map(len, rows[-1]))  # a text that the file has once may stand in all of them
+        refuse_too_large(size, f"{path}: reading it")
     return rows
 
 
 def _cell(value: Any) -> str:
-    """A cell as text: numbers with all digits, dates as in ISO 8601."""
+    """A cell as text: numbers with all digits, dates as in ISO 8601, durations in s, true and false as 1 and 0."""
+    if isinstance(value, (bool, timedelta)):
+        return str(int(value) if isinstance(value, bool) else value.total_seconds())
     if isinstance(value, (datetime, date, time)):
         return value.isoformat(" ") if isinstance(value, datetime) else value.isoformat()
     return "" if value is None else " ".join(str(value).split())
@@ -213,30 +128,52 @@ def _cell(value: Any) -> str:
 def open_parquet(path: Path, columns: Sequence[str] | None, group: str | None = None) -> Arrays:
     """Columns of a Parquet file; ``unit`` in the metadata of a column gives its unit. Dates become seconds."""
     try:
-        from pyarrow import parquet, types
+        from pyarrow import parquet
     except ImportError:
         _refuse_without(path, "Parquet", "pyarrow", "parquet")
     if group:
         raise DataError(f"{path}: a group was given, but Parquet files have none.")
     try:
-        about = parquet.read_metadata(path)
-        refuse_too_large(COPIES * 8.0 * about.num_rows * about.num_columns, f"{path}: reading it")
-        table = parquet.read_table(path)
+        with parquet.ParquetFile(path) as file:
+            refuse_twice(str(path), file.schema_arrow.names)
+            numeric = [field for field in file.schema_arrow if _is_numeric(field.type)]
+            refuse_too_large(COPIES * 8.0 * file.metadata.num_rows * len(numeric), f"{path}: reading it")
+            others = [field.name for field in file.schema_arrow if field not in numeric]
+            table = file.read([field.name for field in numeric])  # texts may be any size
+            found = {field.name: _parquet_column(table.column(k)) for k, field in enumerate(numeric)}
     except DataError:
         raise
     except Exception as error:  # pyarrow raises errors of any kind on a damaged file
         raise DataError(f"{path}: this is not a Parquet file that can be read ({error}).") from None
-    found, units = dict[str, Any](), dict[str, str]()
-    for field in table.schema:
-        values, name = table.column(field.name), str(field.name)
-        if types.is_timestamp(field.type):
-            instants = values.to_numpy().astype("datetime64[ns]")
-            found[name], units[name] = (instants - instants[:1]) / np.timedelta64(1, "s"), "s"
-        elif types.is_integer(field.type) or types.is_floating(field.type) or types.is_boolean(field.type):
-            found[name] = np.array(values.to_pylist() if values.null_count else values.to_numpy(), dtype=float)
-        label = (field.metadata or {}).get(b"unit", b"").decode(errors="replace")
-        units |= {name: label} if label else {}
-    return arrays(str(path), found, columns, units)
+    units = {field.name: "s" for field in numeric if _is_time(field.type)}
+    given = {field.name: (field.metadata or {}).get(b"unit", b"").decode(errors="replace") for field in numeric}
+    units |= {name: label for name, label in given.items() if label}
+    return without_columns(arrays(str(path), found, columns, units), others)
+
+
+def _is_time(kind: Any) -> bool:
+    from pyarrow import types
+
+    return types.is_timestamp(kind) or types.is_duration(kind)
+
+
+def _is_numeric(kind: Any) -> bool:
+    from pyarrow import types
+
+    number = types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind)
+    return number or _is_time(kind)
+
+
+def _parquet_column(values: Any) -> np.ndarray:
+    """A column as floats, NaN where it is null; instants and durations in s, instants from the first one on."""
+    from pyarrow import types
+
+    if not _is_time(values.type):
+        return np.array(values.to_pylist() if values.null_count else values.to_numpy(), dtype=float)
+    ticks = values.to_numpy()  # in their own unit: in nanoseconds a far one would not fit
+    known = ticks[~np.isnat(ticks)]
+    begin = known[:1] if types.is_timestamp(values.type) else np.zeros(1, ticks.dtype)
+    return (ticks - begin) / np.timedelta64(1, "s") if len(known) else np.full(len(ticks), np.nan)
 
 
 # ---- MDF
@@ -271,7 +208,7 @@ def open_mdf(path: Path, columns: Sequence[str] | None, group: str | None = None
 
 def _channel_groups(path: Path, reader: Any) -> tuple[list[list[Channel]], list[str]]:
     """The channels of each group of an MDF file, and the names of the groups. Raises DataError where it is damaged."""
-    with _failing_deletions_ignored():
+    with _nothing_printed():
         try:
             with reader(path) as file:
                 groups = [_channels(file, k) for k in range(len(file.groups))]
@@ -284,13 +221,16 @@ def _channel_groups(path: Path, reader: Any) -> tuple[list[list[Channel]], list[
 
 
 @contextmanager
-def _failing_deletions_ignored() -> Iterator[None]:
-    """Show no traceback of an object that fails when it is deleted, as asammdf leaves for damaged files."""
+def _nothing_printed() -> Iterator[None]:
+    """Print neither what asammdf says of damaged files nor tracebacks of objects that fail when they are deleted."""
+    log = logging.getLogger("asammdf")
     shown, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    was, log.disabled = log.disabled, True
     try:
-        yield
+        with redirect_stdout(io.StringIO()):  # where a channel cannot be read it shows the whole file
+            yield
     finally:
-        sys.unraisablehook = shown
+        sys.unraisablehook, log.disabled = shown, was
 
 
 Channel = tuple[str, np.ndarray, np.ndarray, str]
@@ -305,9 +245,11 @@ def _on_one_grid(groups: Sequence[Sequence[Channel]]) -> tuple[dict[str, np.ndar
             label = name if name not in found else f"{k}/{name}"
             if not found:
                 found["t"], units["t"] = t, "s"
-            if not np.array_equal(t, found["t"]):
-                slower.append(label)
-            found[label] = x if np.array_equal(t, found["t"]) else _at(found["t"], t, x)
+            if np.array_equal(t, found["t"]):
+                found[label] = x
+            else:
+                found[label], left = _at(found["t"], t, x)
+                slower.append(label + (f" ({left} of its samples left out, as time does not increase)" if left else ""))
             units |= {label: unit} if unit else {}
     return found, units, slower
 
@@ -325,12 +267,17 @@ def _channels(file: Any, group: int) -> list[Channel]:
     return made
 
 
-def _at(grid: np.ndarray, t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """A channel at other times, NaN where it was not recorded; half a step beyond its ends it keeps its value."""
-    known = np.isfinite(x)
+def _at(grid: np.ndarray, t: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, int]:
+    """A channel at other times, NaN where it was not recorded; half a step beyond its ends it keeps its value.
+
+    Samples at which time does not increase are left out; the second result is their number.
+    """
+    known = np.isfinite(x) & np.isfinite(t)
     t, x = t[known], x[known]
+    later = np.append(True, t[1:] > np.maximum.accumulate(t)[:-1]) if len(t) else np.empty(0, dtype=bool)
+    t, x, left = t[later], x[later], int(np.sum(~later))
     if len(t) < 2:
-        return np.full(len(grid), np.nan)
+        return np.full(len(grid), np.nan), left
     made: np.ndarray = interpolation(t, x, found_hold(t, x))(np.clip(grid, t[0], t[-1]))
     beyond = 0.5 * step_of(t)
-    return np.where((grid >= t[0] - beyond) & (grid <= t[-1] + beyond), made, np.nan)
+    return np.where((grid >= t[0] - beyond) & (grid <= t[-1] + beyond), made, np.nan), left

@@ -11,7 +11,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common import units
-from tsmblocks.common.errors import DataError, in_words, near
+from tsmblocks.common.errors import DataError, clip, in_words, near, without_controls
 from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.interpolation import AUTO
 from tsmblocks.common.tables import few
@@ -268,7 +268,8 @@ class Record(SignalViews):
 
     def __repr__(self) -> str:
         span = f"{self.t[0]:g} to {self.t[-1]:g} s, " if len(self) else ""
-        return f"Record({self.name!r}, {span}{len(self)} samples, {few(heading(k, self.unit(k)) for k in self)})"
+        names = without_controls(few(clip(heading(k, self.unit(k))) for k in self))
+        return f"Record({self.name!r}, {span}{len(self)} samples, {names})"
 
     # ---- the time axis
 

@@ -192,7 +192,7 @@ def candidates(
             trials = _trials(effect, scales)
             if trials is None:
                 continue
-            effect.accepts(trials)
+            effect.accepts(trials, scales)
             name = unique_names([*base.blocks, effect.name])[-1]
             edited = _with_effect(base, name, effect, point, trials, orders)
             if edited is not None:
@@ -219,7 +219,7 @@ def replacement_candidates(model: Model, wires: WireSignals, points: Sequence[Re
         trials = effect.trials(scales)
         if trials is None:
             continue
-        effect.accepts(trials)
+        effect.accepts(trials, scales)
         edited = _with_effect(base, point.replaced, effect, point, trials, orders)
         if edited is not None:
             found.append(Candidate(effect, point, point.replaced, edited, trials, scales))

@@ -7,6 +7,7 @@ from typing import Any
 
 import attrs
 
+from tsmblocks.common.arguments import as_mapping
 from tsmblocks.common.errors import TsmError, in_words, near
 from tsmblocks.model.diagram import Diagram
 
@@ -40,8 +41,8 @@ def drawn_loops(diagram: Diagram, loops: Iterable[Any]) -> Loops:
     """
     ends = {name: end for end in _outputs(diagram) for name in _names(diagram, end)}
     signals, solved, blocks = set[tuple[str, str]](), set[tuple[str, str]](), set[str]()
-    for loop in loops:
-        path = [str(name).removeprefix("d/dt ") for name in getattr(loop, "path", loop)]
+    for loop in _listed(loops):
+        path = [str(name).removeprefix("d/dt ") for name in _listed(getattr(loop, "path", loop))]
         for name in path:
             if name.partition(".")[0] not in (*diagram.blocks, *diagram.inputs):
                 hint = near(name, ends)
@@ -53,6 +54,13 @@ def drawn_loops(diagram: Diagram, loops: Iterable[Any]) -> Loops:
             signals |= {ends[name] for name in path if name in ends}
             solved |= {ends[name] for name in path[:1] if name in ends}
     return Loops(frozenset(signals), frozenset(solved), frozenset(blocks))
+
+
+def _listed(given: Any) -> Iterable[Any]:
+    """Loops, or the signals around one. Raises TsmError for what is no list of them."""
+    if not isinstance(given, Iterable) or isinstance(given, str):
+        raise TsmError(f"loops takes algebraic loops or lists of the signals around each, got {in_words(given)}.")
+    return given
 
 
 def _outputs(diagram: Diagram) -> Iterator[tuple[str, str]]:
@@ -77,7 +85,7 @@ def nested(diagram: Diagram, path: str) -> Diagram:
     Raises TsmError where there is none.
     """
     inner, passed = diagram, ""
-    for name in filter(None, str(path).split(".")):
+    for name in str(path).split(".") if path != "" else ():
         within = {k: block for k, block in inner.blocks.items() if isinstance(block, Diagram)}
         if name not in within:
             where = f"'{passed}' of diagram '{diagram.title}'" if passed else f"diagram '{diagram.title}'"
@@ -117,13 +125,13 @@ def wire_texts(diagram: Diagram, values: Mapping[str, Any] | None) -> dict[tuple
     ends |= {name: (">" + name, "") for name in diagram.inputs}
     ends |= {name: (end if end[0] else (">" + end[1], "")) for name, end in diagram.shown.items()}
     texts = {}
-    for name, value in (values or {}).items():
+    for name, value in as_mapping("values", values, '"motor.y": 0.5').items():
         if name in ends:
             block_name, port = ends[name]
             unit = diagram.unit(f"{block_name}.{port}" if port else block_name.removeprefix(">"))
             try:
                 texts[ends[name]] = _text(value, unit)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):  # an integer of hundreds of digits
                 wanted = "must be a number or text"
                 raise TsmError(f"the value to write on '{name}' {wanted}, got {in_words(value)}.") from None
         elif not isinstance(diagram.blocks.get(name.partition(".")[0]), Diagram):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from tsmblocks.common.arguments import as_number
+from tsmblocks.common.arguments import as_bool, as_number
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw import placement, routing
 from tsmblocks.draw.annotations import Loops, drawn_loops, highlighted, nested, wire_texts
@@ -47,7 +47,7 @@ def layout(
     accent |= marked.blocks
     drawn = graph(diagram, marked.noted(wire_texts(diagram, values)))
     found = rows(drawn)
-    outlines, heights = placement.placed(drawn, found, parameters)
+    outlines, heights = placement.placed(drawn, found, as_bool("parameters", parameters))
     plan = routing.routed(Plan(drawn, found, outlines, dict(heights)))
     for channel in plan.channels:
         plan.y |= dict.fromkeys(channel.loop.blocks, channel.y)

@@ -6,8 +6,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from tsmblocks.common.arguments import is_number
 from tsmblocks.common.atomic_write import replace_figure
-from tsmblocks.common.errors import TsmError
+from tsmblocks.common.errors import TsmError, in_words, without_controls
+from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.draw.compose import WRAP, layout
 from tsmblocks.draw.picture import FRAME, LIGHT, Box, Label, Picture, Point, Wire
 from tsmblocks.model.diagram import Diagram
@@ -15,6 +17,10 @@ from tsmblocks.model.diagram import Diagram
 DPI = 100
 POINT = 72 / DPI
 """One pixel of the picture in points, matplotlib's unit of lines and letters."""
+MOST_PIXELS = 2**16 - 1
+"""Pixels of a file in one direction. Chosen: as many as other programs show."""
+PIXEL_BYTES = 8
+"""Bytes of memory for a pixel. Derived: four of the canvas, and four of its copy that is written."""
 
 
 def to_png(
@@ -68,6 +74,8 @@ def to_png(
     """
     drawing: dict[str, Any] = dict(highlight=highlight, values=values, loops=loops)
     drawing |= dict(inside=inside, parameters=parameters, wrap=wrap)
+    if not is_number(scale) or scale <= 0:
+        raise TsmError(f"scale must be a positive number, got {in_words(scale)}.")
     _print(diagram, Path(path), ".png", DPI * scale, drawing, {"Software": None})
 
 
@@ -138,6 +146,14 @@ def _print(
         how = 'pip install "tsmblocks[plots]"'
         raise TsmError(f"a PNG or PDF file needs matplotlib; install it with: {how}") from error
     picture = layout(diagram, **drawing)
+    scale = dpi / DPI
+    size = PIXEL_BYTES * scale**2 * picture.width * picture.height
+    if max(picture.width, picture.height) * scale > MOST_PIXELS:
+        raise TsmError(
+            f"a drawing of {picture.width:.0f} by {picture.height:.0f} is too large at scale {scale:g}: "
+            f"at most {MOST_PIXELS:,} pixels are drawn in each direction. Take a smaller scale or wrap, or a PDF file."
+        )
+    refuse_too_large(size, "drawing it", "Take a smaller scale.", TsmError)
     figure = Figure(figsize=(picture.width / DPI, picture.height / DPI), dpi=dpi, facecolor=LIGHT["paper"])
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0, picture.width), ylim=(picture.height, 0))
@@ -160,7 +176,7 @@ def _text(axes: Any, label: Label, accent: bool = False) -> None:
     align = {"start": "left", "middle": "center", "end": "right"}[label.anchor]
     font = dict(size=label.size * POINT, weight=label.weight, family="DejaVu Sans", color=LIGHT[label.colour(accent)])
     plain = dict(parse_math=False, usetex=False)
-    axes.text(label.x, label.y, label.text, ha=align, va="baseline", zorder=5, **font, **plain)
+    axes.text(label.x, label.y, without_controls(label.text), ha=align, va="baseline", zorder=5, **font, **plain)
 
 
 def _line(axes: Any, points: Iterable[Point], color: str, width: float, zorder: float) -> None:

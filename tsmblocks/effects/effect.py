@@ -127,20 +127,24 @@ class Effect:
         """The port in front of which an effect of one diagram is inserted; empty for the others."""
         return self.place.rpartition("->")[2].strip() if isinstance(self.place, str) and "->" in self.place else ""
 
-    def accepts(self, trials: Trials) -> None:
-        """Check trial values against the effect.
+    def accepts(self, trials: Trials, scales: Scales | None = None) -> None:
+        """Check trial values against the effect, and the functions of its sizes.
 
         Parameters
         ----------
         trials : Trials
             What the function ``trials`` returned.
+        scales : Scales or None, default None
+            What it was called with; without it the functions of the sizes are not called.
 
         Raises
         ------
         ParameterError
-            Where they name parameters that are not fitted.
+            Where they name parameters that are not fitted, or the function of a size fails.
         """
         refuse(self, _trial_faults(self, trials))
+        if scales is not None:
+            sizes_of(self, {**parameters_of(self.block), **trials.shapes[0]}, scales)
 
     def __attrs_post_init__(self) -> None:
         refuse(self, _faults(self))
@@ -238,6 +242,9 @@ def parameter_faults(effect: Effect) -> Iterator[str]:
     yield from _unknown(effect.settled, states, "its block has no state '{}' to initialise.")
     for odd in (one for one in effect.sizes if not isinstance(one, Size)):
         yield f"sizes must be Size objects, got {in_words(odd)}."
+    names = [one.name for one in effect.sizes]
+    for twice in (name for k, name in enumerate(names) if name in names[:k]):
+        yield f"two of its sizes are named '{twice}'."
 
 
 def _port_faults(effect: Effect) -> Iterator[str]:
@@ -295,12 +302,24 @@ def sizes_of(
 ) -> dict[str, tuple[float, str]]:
     """The sizes of an effect with some parameters of its block, each with its unit; without those that are endless.
 
-    ``units`` are those of the signal on which it acts and of the second one.
+    ``units`` are those of the signal on which it acts and of the second one. Raises ParameterError where the function
+    of a size fails.
     """
     fitted = {name.rpartition(".")[2]: parameters[name] for name in effect.free}
     values = {**fitted, **parameters}
-    found = {one.name: (float(one.value(values, scales)), one.unit_for(*units)) for one in effect.sizes}
+    found = {one.name: (_value(effect, one, values, scales), one.unit_for(*units)) for one in effect.sizes}
     return {name: one for name, one in found.items() if math.isfinite(one[0])}
+
+
+def _value(effect: Effect, size: Size, values: Mapping[str, float], scales: Scales) -> float:
+    """The number of a size; NaN where it is divided by zero."""
+    try:
+        return float(size.value(values, scales))
+    except ArithmeticError:
+        return math.nan
+    except Exception as error:  # in a function of the user
+        why = f"{type(error).__name__}: {error}"
+        raise ParameterError(f"effect '{effect.name}': the function of its size '{size.name}' fails. {why}") from error
 
 
 def parameters_of(block: Block | Diagram) -> Mapping[str, float]:

@@ -35,7 +35,7 @@ class Size:
     Raises
     ------
     ParameterError
-        Where these are not a name and a function.
+        Where these are not a name, a function and a text.
 
     Examples
     --------
@@ -54,6 +54,8 @@ class Size:
             raise ParameterError(f"a size needs a name in words, got {in_words(self.name)}.")
         if not callable(self.value):
             raise ParameterError(f"size '{self.name}': value must be a function, got {in_words(self.value)}.")
+        if not isinstance(self.unit, str):
+            raise ParameterError(f"size '{self.name}': unit must be text, got {in_words(self.unit)}.")
 
     def unit_for(self, wire: str, other: str) -> str:
         """Return the unit of the size, with the units of the signals filled in.

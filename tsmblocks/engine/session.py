@@ -207,7 +207,9 @@ class Session:
                 final = self.k + n == steps
                 y = rows[count : count + self.rows_in(n, final)]
                 self._logged_steps(n, final, y)
-                if not math.isfinite(y.sum() + self.memory.x.sum()):
+                with np.errstate(over="ignore", invalid="ignore"):  # of finite numbers as well
+                    total = y.sum() + self.memory.x.sum()
+                if not math.isfinite(total):
                     stopped = self._early_end(y, safe[2], safe[1], n)
                     if stopped is not None:
                         return rows[: count + stopped.rows], stopped

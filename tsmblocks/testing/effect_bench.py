@@ -70,7 +70,7 @@ class Bench:
         """The trials at these scales."""
         made = self.effect.trials(self.scales)
         if made is not None:
-            self.effect.accepts(made)
+            self.effect.accepts(made, self.scales)
         return made
 
     def run(
