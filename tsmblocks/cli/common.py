@@ -243,7 +243,7 @@ def figure_path(text: str | None) -> Path | None:
     """Check the path of a figure, and that matplotlib is installed."""
     path = result_path(text, PICTURES)
     if path is not None:
-        from tsmblocks.plots.panels import need_matplotlib
+        from tsmblocks.plots.style import need_matplotlib
 
         need_matplotlib()
     return path

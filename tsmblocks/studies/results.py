@@ -278,7 +278,7 @@ class Results:
             },
         }
 
-    def plot(self, *metrics: str, ax: Any = None) -> Any:
+    def plot(self, *metrics: str, ax: Any = None, width: float | None = None) -> Any:
         """Plot what suits the plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs.
 
         Parameters
@@ -287,13 +287,15 @@ class Results:
             The metrics, by default all.
         ax : matplotlib.axes.Axes or None, default None
             Axes to draw into, by default those of a new figure.
+        width : float or None, default None
+            Width of a new figure [in]; 7 by default, which is both columns of a paper. One column is 3.4.
 
         Returns
         -------
         matplotlib.figure.Figure
             The figure. Needs matplotlib.
         """
-        return view("plot", self, metrics=metrics, ax=ax)
+        return view("plot", self, metrics=metrics, ax=ax, width=width)
 
     def _repr_html_(self) -> str:
         return view("html", self)
