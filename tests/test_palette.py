@@ -11,24 +11,14 @@ from tsmblocks.html.pages import style
 
 SEEN = {
     "usual": np.eye(3),
-    "protanopia": [
-        [0.152286, 1.052583, -0.204868],
-        [0.114503, 0.786281, 0.099216],
-        [-0.003882, -0.048116, 1.051998],
-    ],
-    "deuteranopia": [
-        [0.367322, 0.860646, -0.227968],
-        [0.280085, 0.672501, 0.047413],
-        [-0.011820, 0.042940, 0.968881],
-    ],
-    "tritanopia": [
-        [1.255528, -0.076749, -0.178779],
-        [-0.078411, 0.930809, 0.147602],
-        [0.004733, 0.691367, 0.303900],
-    ],
+    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
 }
 """Linear sRGB as it looks to readers: Machado, Oliveira and Fernandes 2009, of full severity."""
-XYZ = np.array([[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]])
+XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
 WHITE = np.array([0.95047, 1.0, 1.08883])
 APART = 15.0
 """Least distance of two colours of a chart in CIELAB; 2.3 is a just noticeable difference."""
@@ -92,7 +82,7 @@ def test_pages_cards_and_figures_have_the_same_colours():
 
     assert set(ROLES) <= set(LIGHT)
     assert set(ROLES) <= set(DARK)
-    assert (figures.BEFORE, figures.MODEL, figures.MEASURED) == (LIGHT["before"], LIGHT["after"], LIGHT["measured"])
+    assert (LIGHT["before"], LIGHT["after"], LIGHT["measured"]) == (figures.BEFORE, figures.MODEL, figures.MEASURED)
     assert figures.series() == [LIGHT[name] for name in SERIES]
     for sheet, palettes in (("page.css", (LIGHT, DARK)), ("card.css", (EITHER,))):
         assert "@light" not in style(sheet)

@@ -1,7 +1,7 @@
 """Colours of charts and figures, each with one meaning, on white paper, on dark paper, and on either.
 
-All are at least 3:1 in contrast with their paper, and those of one chart apart for colour-blind readers. What a colour
-tells is told by a label, a width or a dash too.
+All are about 3:1 or more in contrast with their paper, and those of one chart apart for colour-blind readers. No
+meaning rests on a colour alone: there is a label, a width or a dash too.
 """
 
 from __future__ import annotations
