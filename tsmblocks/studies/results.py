@@ -13,8 +13,8 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, RunError, near
 from tsmblocks.common.frames import dataset, frame
-from tsmblocks.common.tables import WIDTH, few
 from tsmblocks.common.tables import columns as in_columns
+from tsmblocks.common.tables import few, line_width
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import view
 from tsmblocks.metrics.metrics import named
@@ -303,7 +303,7 @@ class Results:
     def __str__(self) -> str:
         done = f"{len(self)} of " if len(self) < self.count else ""
         done += f"{self.count} run{'s' if self.count > 1 else ''}"
-        lines = textwrap.wrap(f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}", WIDTH)
+        lines = textwrap.wrap(f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}", line_width())
         count = int(self.failed.sum())
         if count:
             have = "runs have" if count > 1 else "run has"

@@ -11,7 +11,7 @@ import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.frames import frame, optional_library
-from tsmblocks.common.tables import WIDTH, columns, few
+from tsmblocks.common.tables import columns, few, line_width
 from tsmblocks.common.views import view
 from tsmblocks.data import heading
 from tsmblocks.metrics.metrics import named
@@ -246,7 +246,7 @@ class Tuned:
     def __str__(self) -> str:
         cases = f", the worst of {len(self.after)} cases" if len(self.after) > 1 else ""
         agree = f"; {self.agreeing} of {self.starts} starts ended there" if self.starts > 1 else ""
-        head = textwrap.fill(f"{self._change}{cases}{agree}", WIDTH)
+        head = textwrap.fill(f"{self._change}{cases}{agree}", line_width())
         numbers: list[Sequence[str]] = [("parameter", "before", "tuned", "from", "to", "")]
         at = self.at_bounds
         for name, value in self.values.items():
@@ -254,7 +254,7 @@ class Tuned:
             numbers.append((name, *shown, f"at its {at[name]} bound" if name in at else ""))
         parts = [head, columns(numbers, left=(0, 5)), columns(self._measured())]
         if self.remarks:
-            parts.append("\n".join(["beware:", *(_FILL.fill(text) for text in self.remarks)]))
+            parts.append("\n".join(["beware:", *map(_bullet, self.remarks)]))
         return "\n\n".join(parts)
 
     def _shown(self, name: str, value: float) -> str:
@@ -276,6 +276,8 @@ class Tuned:
         return rows
 
 
-_FILL = textwrap.TextWrapper(
-    WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-)
+def _bullet(text: str) -> str:
+    """A sentence in lines that fit a terminal, after a dash."""
+    fold = textwrap.TextWrapper(line_width(), initial_indent="- ", subsequent_indent="  ", break_long_words=False)
+    fold.break_on_hyphens = False
+    return fold.fill(text)
