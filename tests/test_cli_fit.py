@@ -260,7 +260,7 @@ def test_the_name_of_a_model_elsewhere_is_told_in_full(run):
         2,
         "",
         (
-            "tsmblocks: asymmetric has 1 problem:\n  1. there is no file 'asymmetric', and no ready-made diagram of that "
+            "tsmblocks: asymmetric: there is no file 'asymmetric', and no ready-made diagram of that "
             "name. Did you mean 'tendon_sheath_asymmetric'?\n"
         ),
     )

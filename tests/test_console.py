@@ -411,10 +411,10 @@ def watched(monkeypatch, wide=80, term="xterm"):
 
 def test_progress_is_one_line_that_is_gone_at_the_end(monkeypatch):
     stream = watched(monkeypatch)
-    with console.progress_line(console.search_progress("fitting")) as tell:
+    with console.progress_line(console.search_progress("fitting", 3)) as tell:
         tell("first", 100, 0.5)
         tell("b", 2, 0.25)
-    first, second = "fitting by first: 100 runs so far, least rms 0.5", "fitting by b: 2 runs so far, least rms 0.25"
+    first, second = "fitting by first, start 1 of 3: 100 runs, rms 0.5", "fitting by b, start 2 of 3: 2 runs, rms 0.25"
     assert stream.seen() == ["", first, second.ljust(len(first)), " " * len(second), ""]
     assert "\n" not in stream.getvalue()
     assert "\x1b" not in stream.getvalue()
@@ -465,6 +465,19 @@ def test_the_time_that_is_left_is_that_of_the_work_so_far():
     assert left(0.5, "another") == ""
     now[0] = 160.0
     assert left(0.75, "another") == ", about 1 min 40 s left"
+
+
+def test_a_comparison_says_which_fit_it_is_at():
+    from tsmblocks.cli import compare
+
+    words = compare._progress(["play", "linear"], 2)
+    said = [words(name, runs, 0.5) for name, runs in (("play", 9), ("play", 2), ("linear", 3), ("play", 4))]
+    assert said == [
+        "fitting play, 1 of 4, start 1: 9 runs, rms 0.5",
+        "fitting play, 1 of 4, start 2: 2 runs, rms 0.5",
+        "fitting linear, 2 of 4, start 1: 3 runs, rms 0.5",
+        "fitting play, 3 of 4, start 1: 4 runs, rms 0.5",
+    ]
 
 
 @pytest.mark.parametrize("command", ["run", "fit", "study"])

@@ -9,6 +9,9 @@ from typing import Any
 
 BOLD, RED, GREEN, YELLOW, BLUE = 1, 31, 32, 33, 34
 """Codes of ANSI terminals, whose colours the reader has chosen for their own paper."""
+A_NUMBER = r"[-+]?[\d.]+(?:e[-+]?\d+)?(?: {2}| (?!%)|$)"
+TABLE_HEAD = rf"(?:\A|(?<=\n\n)|(?<=:\n))(?=[^\n]*\S {{2,}}\S)(?![^\n]* {{2}}{A_NUMBER})[^\n]+(?=\n)"
+"""The first line of a part of the text, where it has cells and none of them is a number."""
 EMPHASIS: tuple[tuple[str, tuple[int, ...]], ...] = (
     (r"^NONE(?=\.)", (BOLD, GREEN)),
     (r"^NAMED(?=\.)|^NAMED, INCOMPLETE(?=\.)", (BOLD, BLUE)),
@@ -21,10 +24,8 @@ EMPHASIS: tuple[tuple[str, tuple[int, ...]], ...] = (
     (r"^\* .*", (BOLD,)),
     (r"^(?=[^-*+~ ])[^\n]*:$", (BOLD,)),
     (r"^\d\. .*", (BOLD,)),
-    (
-        r"(?:\A|(?<=\n\n)|(?<=:\n))(?=[^\n]*\S {2,}\S)(?![^\n]* {2}[-+]?[\d.]+(?:e[-+]?\d+)?(?: {2}| (?!%)|$))[^\n]+(?=\n)",
-        (BOLD,),
-    ),
+    (TABLE_HEAD, (BOLD,)),
+    (r"(?:\A|(?<=\n\n))[a-z]+$", (BOLD,)),
     (r"^usage:", (BOLD,)),
 )
 """Forms of lines, and their codes: verdicts, warnings, what was added, titles of lists, first rows of tables."""

@@ -93,7 +93,7 @@ def _compare(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -
     from tsmblocks.fitting.compare import compare
 
     results: dict[str, Comparison] = {}
-    with console.progress_line(_progress(len(models) * len(groups)), quiet=args.json) as progress:
+    with console.progress_line(_progress(list(models), len(groups)), quiet=args.json) as progress:
         for name, records in groups.items():
             given = common.passed(args, "train", "held_out", "starts", "seed", "step", "hold")
             made = compare(models, records, progress=progress, **given)
@@ -103,17 +103,18 @@ def _compare(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -
     return results
 
 
-def _progress(count: int) -> Callable[[str, int, float], str]:
-    """The text of progress: which of ``count`` fits it is, and the time that those after it take."""
-    left, reached = console.TimeLeft(), list[tuple[str, int]]()
+def _progress(models: Sequence[str], groups: int) -> Callable[[str, int, float], str]:
+    """The text of progress: which of all fits it is, and the time that those after it take."""
+    left, count, reached = console.TimeLeft(), console.StartCount(), [0, 0]
+    of = len(models) * groups
 
     def text(model: str, runs: int, rms: float) -> str:
-        if not reached or reached[-1][0] != model or runs < reached[-1][1]:
-            reached.append((model, runs))
-        reached[-1] = (model, runs)
-        place = min(len(reached), count)
-        rest = left((place - 1) / count)
-        return f"fitting {model}, model {place} of {count}: {runs} runs so far, least rms {rms:.4g}{rest}"
+        place = models.index(model)
+        reached[0] += place < reached[1]  # the next group begins
+        reached[1] = place
+        done = reached[0] * len(models) + place
+        start = count(f"{model} {done}", runs)
+        return f"fitting {model}, {done + 1} of {of}, start {start}: {runs} runs, rms {rms:.4g}{left(done / of)}"
 
     return text
 

@@ -159,7 +159,10 @@ def print_text(text: str, stream: TextIO | None = None) -> None:
 
 
 def print_error(text: str) -> None:
-    """Print one error on standard error, after the program's name."""
+    """Print one error on standard error, after the program's name; a file's only problem without a list."""
+    where, only, problem = text.partition(" has 1 problem:\n  1. ")
+    if only:
+        text = problem if problem.startswith(f"{where}:") else f"{where}: {problem}"
     print_text(fold(f"tsmblocks: {text}", sys.stderr), sys.stderr)
 
 
@@ -283,9 +286,32 @@ def percent_progress(what: str) -> Callable[[float], str]:
     return lambda done: f"{what}: {100 * done:.0f} % done{left(done)}"
 
 
-def search_progress(what: str) -> Callable[[str, int, float], str]:
-    """The text of progress of a search: number of runs and the least rms so far; how many it takes is not known."""
-    return lambda stage, runs, rms: f"{what} by {stage}: {runs} runs so far, least rms {rms:.4g}"
+class StartCount:
+    """The start that a search is at: each counts its runs from one."""
+
+    def __init__(self) -> None:
+        self._of, self._runs, self._start = "", 0, 1
+
+    def __call__(self, of: str, runs: int) -> int:
+        """The number of the start, after so many runs of it."""
+        if of != self._of:
+            self._of, self._start = of, 1
+        elif runs < self._runs:
+            self._start += 1
+        self._runs = runs
+        return self._start
+
+
+def search_progress(what: str, starts: int) -> Callable[[str, int, float], str]:
+    """The text of progress of a search from several starts: which it is, its runs and its rms, and the time left."""
+    count, left = StartCount(), TimeLeft()
+
+    def text(stage: str, runs: int, rms: float) -> str:
+        start = min(count("", runs), starts)
+        at = f", start {start} of {starts}" if starts > 1 else ""
+        return f"{what} by {stage}{at}: {runs} runs, rms {rms:.4g}{left((start - 1) / starts)}"
+
+    return text
 
 
 def stage_progress() -> Callable[[str, float], str]:

@@ -11,6 +11,8 @@ WIDTH, LONGEST_LINE = 80, 100
 """Characters of a line where no terminal says otherwise, and of a line of prose at most. Chosen: longer ones are hard
 to read."""
 _COLUMNS: ContextVar[int] = ContextVar("columns", default=WIDTH)
+NO_CELL = " " * 5
+"""What a row ends with whose last cells are empty. Derived: two spaces, a cell of a letter, and two spaces."""
 NARROW = 24
 """Least characters for wrapped text beside a row, else it is put below. Chosen: about three words."""
 
@@ -68,7 +70,9 @@ def columns(
 
 
 def _with_words(before: str, words: str, width: int, below: str) -> list[str]:
-    """A row with text at its end: beside it in lines that fit, or below it where there is no room."""
+    """A row with text at its end: beside it in lines that fit, in place of empty cells, or below it."""
+    if before.endswith(NO_CELL) and len(before.rstrip()) + 2 + len(words) <= width:
+        return [f"{before.rstrip()}  {words}"]
     beside = width - len(before) >= NARROW
     first, others = (before, " " * len(before)) if beside else (below, below)
     fold = textwrap.TextWrapper(max(width, len(others) + NARROW), first, others, break_long_words=False)
