@@ -52,7 +52,7 @@ if len(sys.argv) > 1:
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
     figure = found.plot()
-    for panel, line in zip(figure.axes, columns[0], strict=False):
-        panel.plot(f, line, "k--", lw=1)
-    figure.axes[0].set_title("x_out over x_ref; dashed: python-control, without backlash", loc="left", fontsize=11)
+    for panel, line in zip(figure.axes, (20 * np.log10(closed.magnitude), columns[0][1]), strict=False):
+        panel.plot(f, line, "k--")
+    figure.suptitle("x_out over x_ref; dashed: python-control, without backlash", x=0.01, ha="left")
     figure.savefig(folder / "bode.png")

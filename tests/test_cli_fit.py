@@ -241,9 +241,10 @@ def test_compare_ranks_and_writes_the_best(run):
     assert (status, err) == (0, "")
     lines = out.splitlines()
     assert lines[0] == "fitted to the first 50 % of each recording, ranked on the rest"
-    assert lines[2] == "model   parameters  rms held out [deg]  rms fitted [deg]"
-    assert [line.split()[:2] for line in lines[3:5]] == [["play", "3"], ["linear", "2"]]
-    assert all(0.2 < float(cell) < 0.4 for cell in lines[3].split()[2:])
+    assert lines[2].startswith("play fits best: its error is ")
+    assert lines[5] == "model   parameters  rms held out [deg]  rms fitted [deg]"
+    assert [line.split()[:2] for line in lines[6:8]] == [["play", "3"], ["linear", "2"]]
+    assert all(0.2 < float(cell) < 0.4 for cell in lines[6].split()[2:])
     assert lines[-3:] == ["", "wrote b.toml", "wrote b.png"]
     assert np.degrees(tsm.load("b.toml").parameters["play.half_width"]) == pytest.approx(20.0, abs=0.5)
 
@@ -259,7 +260,7 @@ def test_the_name_of_a_model_elsewhere_is_told_in_full(run):
         2,
         "",
         (
-            "tsmblocks: asymmetric has 1 problem:\n  1. there is no file 'asymmetric', and no ready-made diagram of that "
+            "tsmblocks: asymmetric: there is no file 'asymmetric', and no ready-made diagram of that "
             "name. Did you mean 'tendon_sheath_asymmetric'?\n"
         ),
     )

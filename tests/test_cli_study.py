@@ -12,7 +12,8 @@ import pytest
 
 import tsmblocks
 from tsmblocks.cli import main
-from tsmblocks.cli.study import duration_text, study_progress
+from tsmblocks.cli.console import duration_text
+from tsmblocks.cli.study import study_progress
 from tsmblocks.common.errors import FileError
 from tsmblocks.studies.files import load_study
 
@@ -238,5 +239,8 @@ def test_a_terminal_sees_rate_and_time_left(monkeypatch):
     clock = iter([0.0, 2.0])
     monkeypatch.setattr("tsmblocks.cli.study.time.monotonic", lambda: next(clock))
     words = study_progress()
-    assert [words(100, 1000), words(300, 1000)] == ["100 of 1000 runs", "300 of 1000 runs, 100 runs/s, 7 s left"]
-    assert [duration_text(s) for s in (0.4, 59, 200, 7500)] == ["0 s", "59 s", "3 min 20 s", "2 h 5 min"]
+    assert [words(100, 1000), words(300, 1000)] == [
+        "100 of 1000 runs done",
+        "300 of 1000 runs done, 100 runs/s, about 7 s left",
+    ]
+    assert [duration_text(s) for s in (0.4, 59, 200, 7500)] == ["1 s", "59 s", "3 min 20 s", "2 h 5 min"]

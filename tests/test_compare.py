@@ -252,13 +252,13 @@ def test_a_table_is_shown_in_degrees(ranked):
 def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     assert ranked.noise == pytest.approx(0.01, rel=0.15)
     assert ranked.above_noise == pytest.approx(ranked.best.figure / ranked.noise)
-    assert " deg rms (repeats); the residual of slack is" in str(ranked).replace("\n", " ")
+    assert str(ranked).startswith(f"slack fits best: its error is {ranked.above_noise:#.2g} times the noise of the")
+    assert " deg rms, repeats). " in str(ranked).replace("\n", " ") + " "
     assert "tsmblocks diagnose" not in str(ranked)
     poor = tsm.compare({"line": LINEAR}, rig(), **QUICK)
     assert poor.above_noise > 1.5
-    assert f"and the residual of line is {poor.above_noise:.2g} times that: every model has an unmodelled effect. " in (
-        str(poor).replace("\n", " ")
-    )
+    assert f"{poor.above_noise:#.2g} times the noise of the recordings (" in str(poor).replace("\n", " ")
+    assert "). Every model has an unmodelled effect. " in str(poor).replace("\n", " ")
     assert "A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it." in str(poor).replace("\n", " ")
     assert poor.to_dict()["noise"] == poor.noise
 
@@ -289,6 +289,8 @@ def test_a_model_whose_numbers_the_data_leave_open_is_told_in_its_row():
     found = tsm.compare({"twice": twice, "once": once}, rig(), **QUICK)
     assert {row[0]: row[-1] for row in ranking_rows(found)[1:]} == {"twice": "not determined", "once": ""}
     assert str(found).count("not determined") == 1
+    (row,) = (line.split() for line in str(found).splitlines() if line.startswith("twice "))
+    assert row[1] == f"{found['twice'].parameters}?"
 
 
 def test_it_can_be_drawn(ranked):

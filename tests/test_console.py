@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import tsmblocks.blocks
-from tsmblocks.cli import console, main
+from tsmblocks.cli import colour, console, main
 from tsmblocks.cli.entry import COMMANDS
 from tsmblocks.common.tables import columns, split_columns
 from tsmblocks.files.shipped import shipped_names
@@ -114,6 +115,7 @@ def test_columns_that_are_too_many_stand_in_several_tables():
 @pytest.mark.parametrize("name", shipped_names())
 def test_what_run_and_check_say_of_a_ready_made_diagram_fits(name, here, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("NO_COLOR", "1")
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     assert main(["check", name]) == 0
     told = capsys.readouterr().out
@@ -311,6 +313,89 @@ def test_the_streams_are_left_as_they_were(monkeypatch):
     assert stream.errors == "strict"
 
 
+# ---- colour and weight
+
+RED, BOLD_GREEN, PLAIN = "\x1b[1;31m", "\x1b[1;32m", "\x1b[0m"
+
+
+@pytest.mark.parametrize(
+    ("environment", "terminal", "coloured"),
+    [
+        ({}, True, True),
+        ({}, False, False),
+        ({"NO_COLOR": "1"}, True, False),
+        ({"NO_COLOR": ""}, True, True),
+        ({"TERM": "dumb"}, True, False),
+        ({"CLICOLOR": "0"}, True, False),
+        ({"FORCE_COLOR": "1"}, False, True),
+        ({"FORCE_COLOR": "0"}, False, False),
+        ({"CLICOLOR_FORCE": "1", "TERM": "dumb"}, False, True),
+        ({"FORCE_COLOR": "1", "NO_COLOR": "1"}, True, False),
+    ],
+)
+def test_colours_are_for_terminals_and_obey_the_environment(environment, terminal, coloured, monkeypatch):
+    for name in ("NO_COLOR", "FORCE_COLOR", "CLICOLOR_FORCE", "CLICOLOR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    stream = Terminal() if terminal else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    assert main(["run", "nothing_of_that_name"]) == 2
+    assert ("\x1b" in stream.getvalue()) == coloured
+    assert stream.getvalue().startswith(f"{RED}tsmblocks: {PLAIN}" if coloured else "tsmblocks: ")
+
+
+def test_what_a_reader_looks_for_stands_out():
+    text = (
+        "NONE. No unmodelled effect is detectable.\n\nname    rms [deg]\nbend        1.25\n\nbeware:\n- a: b\n\n"
+        "changes to the diagram:\n+ gap -> x\n- u -> x\n\ngap:\n  width  3.4 deg\n"
+    )
+    seen = re.findall("\x1b\\[([0-9;]+)m(.*?)\x1b\\[0m", colour.emphasised(text))
+    assert seen == [
+        ("1;32", "NONE"),
+        ("1", "name    rms [deg]"),
+        ("1;33", "beware:"),
+        ("1", "changes to the diagram:"),
+        ("32", "+ gap -> x"),
+        ("1", "gap:"),
+    ]
+    assert re.sub("\x1b\\[[0-9;]*m", "", colour.emphasised(text)) == text
+
+
+def test_colours_are_in_no_json_and_in_no_file(here, monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    fit = ["fit", "tendon_sheath_linear", "--data", "bend.csv", "--starts", "1"]
+    assert main([*fit, "--json"]) == 0
+    assert "\x1b" not in capsys.readouterr().out
+    assert main([*fit, "--out", "fitted.toml"]) == 0
+    assert "\x1b[1mparameter " in capsys.readouterr().out
+    assert "\x1b" not in Path("fitted.toml").read_text(encoding="utf-8")
+    assert main(["completion", "bash"]) == 0
+    assert "\x1b" not in capsys.readouterr().out
+
+
+def test_codes_of_a_file_steer_no_terminal(here, monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    Path("study.toml").write_text(STUDY.replace("Größe θ", "a\\u001b[31mb"), encoding="utf-8")
+    main(["study", "study.toml"])
+    assert "\x1b[31m" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("wide", [80, 120])
+def test_tables_and_texts_use_the_terminal(wide, here, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(wide))
+    names = ["a_recording_with_a_name_of_some_length_1.csv", "a_recording_with_a_name_of_some_length_2.csv"]
+    for name in names:
+        Path(name).write_text(Path("bend.csv").read_text(encoding="utf-8"), encoding="utf-8")
+    few = ["--noise-floor", "0.002rad", "--effects", "backlash", "drift"]
+    assert main(["diagnose", "tendon_sheath_linear", "--data", *names, *few]) == 0
+    out = capsys.readouterr().out
+    report = out.partition("in a script:")[0]  # code is not wrapped
+    assert max(map(len, report.splitlines())) <= wide
+    assert (f"{Path(names[0]).stem} " in report) == (wide == 120)  # cut at 28 letters in lines of 80
+
+
 # ---- how far things are
 
 
@@ -326,10 +411,11 @@ def watched(monkeypatch, wide=80, term="xterm"):
 
 def test_progress_is_one_line_that_is_gone_at_the_end(monkeypatch):
     stream = watched(monkeypatch)
-    with console.progress_line(console.search_progress("fitting")) as tell:
+    with console.progress_line(console.search_progress("fitting", 3)) as tell:
         tell("first", 100, 0.5)
         tell("b", 2, 0.25)
-    assert stream.seen() == ["", "fitting: first, 100 runs, rms 0.5", "fitting: b, 2 runs, rms 0.25     ", " " * 28, ""]
+    first, second = "fitting by first, start 1 of 3: 100 runs, rms 0.5", "fitting by b, start 2 of 3: 2 runs, rms 0.25"
+    assert stream.seen() == ["", first, second.ljust(len(first)), " " * len(second), ""]
     assert "\n" not in stream.getvalue()
     assert "\x1b" not in stream.getvalue()
 
@@ -366,7 +452,32 @@ def test_progress_is_shown_as_often_as_it_can_be_read(monkeypatch):
     with console.progress_line(console.percent_progress("x")) as tell:
         for share in (0.1, 0.2, 0.3, 0.4):
             tell(share)
-    assert stream.seen()[1:3] == ["x:  10 %", "x:  40 %"]
+    assert stream.seen()[1:3] == ["x: 10 % done", "x: 40 % done"]
+
+
+def test_the_time_that_is_left_is_that_of_the_work_so_far():
+    now = [0.0]
+    left = console.TimeLeft(lambda: now[0])
+    said = []
+    for now[0], done in ((0.0, 0.0), (0.5, 0.05), (4.0, 0.0), (10.0, 0.25), (30.0, 0.5), (60.0, 1.0)):
+        said.append(left(done))
+    assert said == ["", "", "", ", about 30 s left", ", about 30 s left", ""]
+    assert left(0.5, "another") == ""
+    now[0] = 160.0
+    assert left(0.75, "another") == ", about 1 min 40 s left"
+
+
+def test_a_comparison_says_which_fit_it_is_at():
+    from tsmblocks.cli import compare
+
+    words = compare._progress(["play", "linear"], 2)
+    said = [words(name, runs, 0.5) for name, runs in (("play", 9), ("play", 2), ("linear", 3), ("play", 4))]
+    assert said == [
+        "fitting play, 1 of 4, start 1: 9 runs, rms 0.5",
+        "fitting play, 1 of 4, start 2: 2 runs, rms 0.5",
+        "fitting linear, 2 of 4, start 1: 3 runs, rms 0.5",
+        "fitting play, 3 of 4, start 1: 4 runs, rms 0.5",
+    ]
 
 
 @pytest.mark.parametrize("command", ["run", "fit", "study"])

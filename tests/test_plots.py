@@ -61,7 +61,8 @@ def test_tracking_shows_the_reference_the_outputs_and_their_errors(run):
     assert above.lines[0].get_xdata()[0] == 5.0
     error = np.degrees(run["x_ref"] - run["x_out"])[run.t >= 5.0]
     np.testing.assert_allclose(below.lines[0].get_ydata(), error)
-    assert below.lines[0].get_label() == f"{np.ptp(error):.3g} deg"
+    assert below.lines[0].get_label() == f"a: {np.ptp(error):.3g} deg"
+    assert below.get_legend().get_title().get_text() == "peak-to-peak error"
     with pytest.raises(TsmError, match="ax must be 2 axes here, got 1"):
         plot_tracking({"a": run}, figure.Figure().subplots())
     with pytest.raises(TsmError, match="at least one run"):

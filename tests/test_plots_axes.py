@@ -113,7 +113,8 @@ def test_angles_of_studies_are_shown_in_degrees(calls):
     )
     assert heat.axes[1].get_ylabel() == "error [deg]"
     spread = plots.plot_distribution(grid, "error").axes[0]
-    assert f"median {np.degrees(grid.quantiles('error')['median']):.4g}" in spread.get_xlabel()
+    assert spread.get_xlabel() == "error [deg]"
+    assert spread.lines[0].get_label() == f"median {np.degrees(grid.quantiles('error')['median']):.4g}"
     pyplot.close("all")
 
 

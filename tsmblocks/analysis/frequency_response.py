@@ -60,8 +60,8 @@ class FrequencyResponse:
         Output over input at the frequency of the sine.
     harmonics : ndarray, shape (A, F, harmonics - 1)
         Sizes at 2, 3, … times the frequency as shares of that at the frequency itself.
-    unit : str, optional
-        Unit of the input, ``""`` where it is not known.
+    unit, output_unit : str, optional
+        Units of the input and the output, ``""`` where they are not known.
     """
 
     title: str
@@ -72,6 +72,7 @@ class FrequencyResponse:
     response: np.ndarray = attrs.field(repr=False)
     harmonics: np.ndarray = attrs.field(repr=False)
     unit: str = ""
+    output_unit: str = ""
 
     @property
     def gain(self) -> np.ndarray:
@@ -129,20 +130,22 @@ class FrequencyResponse:
     def _repr_html_(self) -> str:
         return view("html", self)
 
-    def plot(self, ax: Any = None) -> Any:
-        """Plot gain, phase and distortion over frequency, a line for each amplitude.
+    def plot(self, ax: Any = None, *, width: float | None = None) -> Any:
+        """Plot gain in dB, phase and distortion over frequency, a line for each amplitude.
 
         Parameters
         ----------
         ax : sequence of matplotlib.axes.Axes, optional
             Where to draw. By default in a new figure.
+        width : float, optional
+            Width of a new figure [in]. By default 7, both columns of a paper; 3.4 is one.
 
         Returns
         -------
         matplotlib.figure.Figure
             The figure. Needs matplotlib.
         """
-        return view("plot", self, ax=ax)
+        return view("plot", self, ax=ax, width=width)
 
 
 def frequency_response(
@@ -260,7 +263,7 @@ def frequency_response(
                 break
     name, unit = driven or (next(iter(diagram.inputs)) if source == SOURCE_NAME else source), tuned.unit(f"{source}.y")
     _warn_of_unsettled(shown, f, a, np.isnan(response), unit)
-    return FrequencyResponse(diagram.title, name, shown, f, a, response, overtones, unit)
+    return FrequencyResponse(diagram.title, name, shown, f, a, response, overtones, unit, tuned.unit(shown))
 
 
 def _warn_of_unsettled(shown: str, f: np.ndarray, a: np.ndarray, where: np.ndarray, unit: str) -> None:

@@ -1,4 +1,9 @@
-"""List the blocks by family, or print the card of one: equation, source, ports, parameters."""
+"""List the blocks by family, or print the card of one: equation, source, ports, parameters.
+
+tsmblocks blocks
+tsmblocks blocks Play
+tsmblocks blocks AsymmetricBoucWen --json
+"""
 
 from __future__ import annotations
 

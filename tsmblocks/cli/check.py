@@ -1,4 +1,8 @@
-"""Load and compile diagram files: one line on each valid file, every fault of each other file."""
+"""Load and compile diagram files: one line on each valid file, every fault of each other file.
+
+tsmblocks check my_drive.toml motor_linear
+tsmblocks check my_drive.toml --refuse-loops --json
+"""
 
 from __future__ import annotations
 
@@ -29,7 +33,7 @@ def execute(args: argparse.Namespace) -> int:
         try:
             checked.append({"file": name, "sound": True, **contents(name, refuse_loops=args.loops == "refuse")})
             if not args.json:
-                print(console.fold(f"{name}: {description(checked[-1])}", sys.stdout))
+                console.print_text(console.fold(f"{name}: {description(checked[-1])}", sys.stdout))
         except (TsmError, OSError) as error:
             checked.append({"file": name, "sound": False, "faults": _faults(error)})
             if not args.json:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
 
-from tsmblocks.cli.console import print_error, print_json, wrap
+from tsmblocks.cli.console import print_error, print_json, print_text, wrap
 from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.loading import INTERRUPTED
@@ -51,6 +51,11 @@ class Parser(argparse.ArgumentParser):
     def options(self) -> list[str]:
         """Every option it takes, as it is typed."""
         return [name for action in self._actions for name in action.option_strings]
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print help with colours, where the stream shows them."""
+        if message:
+            print_text(message.removesuffix("\n"), file)
 
     def error(self, message: str) -> NoReturn:
         """Raise UsageError with where to look."""
@@ -243,7 +248,7 @@ def figure_path(text: str | None) -> Path | None:
     """Check the path of a figure, and that matplotlib is installed."""
     path = result_path(text, PICTURES)
     if path is not None:
-        from tsmblocks.plots.panels import need_matplotlib
+        from tsmblocks.plots.style import need_matplotlib
 
         need_matplotlib()
     return path
@@ -254,7 +259,7 @@ def figure_path(text: str | None) -> Path | None:
 
 def print_result(args: argparse.Namespace, facts: Mapping[str, Any], text: str) -> None:
     """Print a result: with --json its ``facts``, else the ``text``."""
-    print_json(facts) if args.json else print(text)
+    print_json(facts) if args.json else print_text(text)
 
 
 def report_results(facts: dict[str, Any], written: Sequence[str], args: argparse.Namespace) -> None:
@@ -282,7 +287,7 @@ def finish(
 ) -> int:
     """Print, save and plot the result of a search; its exit status. JSON has the ``facts`` too."""
     if not args.json:
-        print(result)
+        print_text(str(result))
     written = save()
     if plot:
         replace_figure(plot, result.plot(), dpi=150)

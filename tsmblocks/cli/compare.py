@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tsmblocks.cli import common, console, recordings
 from tsmblocks.common.atomic_write import replace_figure
+from tsmblocks.common.tables import line_width
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.compare import Comparison
@@ -61,7 +62,7 @@ def execute(args: argparse.Namespace) -> int:
     groups = {name: {name: record} for name, record in records.items()} if args.each else {"": records}
     results = _compare(args, models, groups)
     if not args.json:
-        print(f"{_heading(args)}\n\n{by_file(results) if args.each else results['']}")
+        console.print_text(f"{_heading(args)}\n\n{by_file(results) if args.each else results['']}")
         if not args.each and results[""].above_noise >= FAR:
             source = next(name for name in given or ready_made() if _label(name, given) == results[""].best.name)
             print(f"\n  {recordings.command_line('diagnose', source, args)}")
@@ -92,7 +93,7 @@ def _compare(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -
     from tsmblocks.fitting.compare import compare
 
     results: dict[str, Comparison] = {}
-    with console.progress_line(console.search_progress("fitting"), quiet=args.json) as progress:
+    with console.progress_line(_progress(list(models), len(groups)), quiet=args.json) as progress:
         for name, records in groups.items():
             given = common.passed(args, "train", "held_out", "starts", "seed", "step", "hold")
             made = compare(models, records, progress=progress, **given)
@@ -100,6 +101,22 @@ def _compare(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -
             if results[name].interrupted:
                 break
     return results
+
+
+def _progress(models: Sequence[str], groups: int) -> Callable[[str, int, float], str]:
+    """The text of progress: which of all fits it is, and the time that those after it take."""
+    left, count, reached = console.TimeLeft(), console.StartCount(), [0, 0]
+    of = len(models) * groups
+
+    def text(model: str, runs: int, rms: float) -> str:
+        place = models.index(model)
+        reached[0] += place < reached[1]  # the next group begins
+        reached[1] = place
+        done = reached[0] * len(models) + place
+        start = count(f"{model} {done}", runs)
+        return f"fitting {model}, {done + 1} of {of}, start {start}: {runs} runs, rms {rms:.4g}{left(done / of)}"
+
+    return text
 
 
 def _heading(args: argparse.Namespace) -> str:
@@ -111,7 +128,7 @@ def _heading(args: argparse.Namespace) -> str:
         where = "all samples" if args.train == 1 else f"the first {100 * args.train:g} % of each recording"
     ranked = "" if args.train == 1 else ", ranked on the rest"
     apart = f"; not fitted at all: {', '.join(args.held_out)}" if args.held_out else ""
-    return textwrap.fill(f"fitted to {where}{ranked}{apart}", 80)
+    return textwrap.fill(f"fitted to {where}{ranked}{apart}", line_width())
 
 
 def _save(results: Mapping[str, Comparison], out: Path | None) -> list[str]:

@@ -1,7 +1,4 @@
-"""Output of the commands: messages as wide as the terminal, JSON, progress, and letters that a console may lack.
-
-No colours are used, so there are none to switch off.
-"""
+"""Output of the commands: messages as wide as the terminal, JSON, progress, and letters that a console may lack."""
 
 from __future__ import annotations
 
@@ -16,16 +13,19 @@ import time
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 from pathlib import Path, PurePath
 from typing import Any, TextIO
 
+from tsmblocks.cli import colour
 from tsmblocks.common.errors import CONTROLS, without_controls
+from tsmblocks.common.tables import LONGEST_LINE
 
-MIN_WIDTH, MAX_WIDTH = 40, 100
-"""Columns of text, at least and at most. Chosen: tables need some 40, and longer lines are hard to read."""
+MIN_WIDTH = 40
+"""Columns at least. Chosen: tables need some 40."""
 UPDATE_INTERVAL = 0.05
 """Time in s between two updates of the progress line. Chosen: 20 per second look continuous and cost nothing."""
+SHORTEST_SHOWN = 1.0
+"""Time [s] from which the rest of some work is estimated. Chosen: less says little of what follows."""
 OUTPUT = "standard output"
 """Name of the stream in its errors."""
 ENCODE_ERRORS = "tsmblocks.readable"
@@ -98,6 +98,12 @@ class _WithoutControls:
             return self.unfiltered.write(without_controls(text))
         return len(text)
 
+    def write_emphasised(self, text: str) -> None:
+        """Write a text with colours, where the stream shows them."""
+        plain = without_controls(text)
+        with self._errors():
+            self.unfiltered.write(colour.emphasised(plain) if colour.wanted(self.unfiltered) else plain)
+
     def flush(self) -> None:
         """Write what is buffered."""
         with self._errors():
@@ -145,19 +151,34 @@ def readable_streams() -> Iterator[None]:
 # ---- messages -----------------------------------------------------------------------------------
 
 
+def print_text(text: str, stream: TextIO | None = None) -> None:
+    """Print a text for people on standard output or another stream: with colours, where it shows them."""
+    stream = sys.stdout if stream is None else stream
+    write = getattr(stream, "write_emphasised", stream.write)
+    write(f"{text}\n")
+
+
 def print_error(text: str) -> None:
-    """Print one error on standard error, after the program's name."""
-    print(fold(f"tsmblocks: {text}", sys.stderr), file=sys.stderr)
+    """Print one error on standard error, after the program's name; a file's only problem without a list."""
+    where, only, problem = text.partition(" has 1 problem:\n  1. ")
+    if only:
+        text = problem if problem.startswith(f"{where}:") else f"{where}: {problem}"
+    print_text(fold(f"tsmblocks: {text}", sys.stderr), sys.stderr)
 
 
 def print_note(text: str) -> None:
     """Print one remark on standard error that needs no action."""
-    print(fold(f"note: {text}", sys.stderr), file=sys.stderr)
+    print_text(fold(f"note: {text}", sys.stderr), sys.stderr)
+
+
+def columns() -> int:
+    """Columns of the terminal, or COLUMNS; 80 where neither is known."""
+    return max(shutil.get_terminal_size().columns, MIN_WIDTH)
 
 
 def width() -> int:
-    """Columns of text: those of the terminal, or COLUMNS; 80 where neither is known."""
-    return min(max(shutil.get_terminal_size().columns, MIN_WIDTH), MAX_WIDTH)
+    """Columns of a text of sentences."""
+    return min(columns(), LONGEST_LINE)
 
 
 def fold(text: str, stream: TextIO) -> str:
@@ -234,16 +255,66 @@ def progress_line(text_of: Callable[..., str], *, quiet: bool = False) -> Iterat
             overwrite(f"\r{' ' * length}\r")
 
 
+class TimeLeft:
+    """The time that work still takes, from what is done since the first call for the same ``of``."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._of, self._began, self._first = clock, "", -math.inf, math.inf
+
+    def __call__(self, done: float, of: str = "") -> str:
+        """``, about 12 s left`` after a share of the work is done; nothing until it can be known."""
+        now = self._clock()
+        if of != self._of or done < self._first:
+            self._of, self._began, self._first = of, now, done
+        gone, won = now - self._began, done - self._first
+        if gone < SHORTEST_SHOWN or not won > 0 or done >= 1:
+            return ""
+        return f", about {duration_text(gone / won * (1 - done))} left"
+
+
+def duration_text(seconds: float) -> str:
+    """A duration as text: ``12 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    minutes, rest = divmod(math.ceil(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+    return f"{minutes // 60} h {minutes % 60} min"
+
+
 def percent_progress(what: str) -> Callable[[float], str]:
-    """The text of progress as a percentage."""
-    return partial(stage_progress, what)
+    """The text of progress as a percentage, with the time that is left."""
+    left = TimeLeft()
+    return lambda done: f"{what}: {100 * done:.0f} % done{left(done)}"
 
 
-def search_progress(what: str) -> Callable[[str, int, float], str]:
-    """The text of progress of a search: stage, number of runs and the least rms so far."""
-    return lambda stage, runs, rms: f"{what}: {stage}, {runs} runs, rms {rms:.4g}"
+class StartCount:
+    """The start that a search is at: each counts its runs from one."""
+
+    def __init__(self) -> None:
+        self._of, self._runs, self._start = "", 0, 1
+
+    def __call__(self, of: str, runs: int) -> int:
+        """The number of the start, after so many runs of it."""
+        if of != self._of:
+            self._of, self._start = of, 1
+        elif runs < self._runs:
+            self._start += 1
+        self._runs = runs
+        return self._start
 
 
-def stage_progress(stage: str, done: float) -> str:
-    """The text of progress of a stage, as a percentage."""
-    return f"{stage}: {100 * done:3.0f} %"
+def search_progress(what: str, starts: int) -> Callable[[str, int, float], str]:
+    """The text of progress of a search from several starts: which it is, its runs and its rms, and the time left."""
+    count, left = StartCount(), TimeLeft()
+
+    def text(stage: str, runs: int, rms: float) -> str:
+        start = min(count("", runs), starts)
+        at = f", start {start} of {starts}" if starts > 1 else ""
+        return f"{what} by {stage}{at}: {runs} runs, rms {rms:.4g}{left((start - 1) / starts)}"
+
+    return text
+
+
+def stage_progress() -> Callable[[str, float], str]:
+    """The text of progress of stages, as a percentage of all, with the time that is left."""
+    left = TimeLeft()
+    return lambda stage, done: f"{stage}: {100 * done:.0f} % of all done{left(done)}"

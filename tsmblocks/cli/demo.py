@@ -8,7 +8,7 @@ of the mechanism is reported before and after. The folder has all of it; begin
 with index.html.
 
   tsmblocks demo --out story
-  tsmblocks demo --hide none      (nothing is hidden: is anything reported?)
+  tsmblocks demo --hide none       # nothing is hidden: is anything reported?
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 from tsmblocks.cli import common, console, recordings
 from tsmblocks.common.atomic_write import replace_figure, replace_file
-from tsmblocks.common.tables import WIDTH, columns
+from tsmblocks.common.tables import columns, line_width
 
 if TYPE_CHECKING:
     from tsmblocks.demo.compensators import Tracked
@@ -58,7 +58,7 @@ def execute(args: argparse.Namespace) -> int:
     cases = _cases(args)
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
-    say: Callable[[str], None] = (lambda _: None) if args.json else print
+    say: Callable[[str], None] = (lambda _: None) if args.json else console.print_text
     with console.progress_line(console.percent_progress("running"), quiet=args.json) as running:
         whole = paper.run(cases, running)
     say(_paper_text(cases))
@@ -66,7 +66,7 @@ def execute(args: argparse.Namespace) -> int:
     if not whole:
         console.print_error("stopped early; the table and the files have what was done until then.")
         return common.INTERRUPTED
-    with console.progress_line(console.stage_progress, quiet=args.json) as progress:
+    with console.progress_line(console.stage_progress(), quiet=args.json) as progress:
         story = build_story(hidden, args.seed, progress)
     for chapter in (_measurement_text, _fit_text, _diagnosis_text, _tracking_text, _hidden_text):
         say(f"\n{chapter(story)}")
@@ -165,7 +165,7 @@ def _hidden_text(story: Story) -> str:
 
 
 def _wrapped(text: str) -> str:
-    return textwrap.fill(text, WIDTH, break_on_hyphens=False)
+    return textwrap.fill(text, line_width(), break_on_hyphens=False)
 
 
 def _facts(cases: Sequence[Case], story: Story, folder: Path) -> dict:

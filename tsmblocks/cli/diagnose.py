@@ -9,16 +9,15 @@ Ctrl-C, SIGTERM and --time-limit end the search with the effects identified so f
 
   tsmblocks diagnose tendon_sheath_symmetric --data bend*.csv --out found
   tsmblocks diagnose tendon_sheath_symmetric --data a.csv b.csv \
-      --noise-floor 0.05deg --effects 'backlash' 'dead_*'
-  tsmblocks diagnose my_drive.toml --data run.csv --noise-floor u=20mV x=0.01deg
-  tsmblocks diagnose my_drive.toml --data a.csv b.csv --local offset.bias \
-      --set motor.kt=0.03 --bounds lag.time_constant=0.001:0.1
+      --noise-floor 0.05deg --effects backlash 'dead_*'
+  tsmblocks diagnose my_drive.toml --data run.csv --noise-floor v=5mV x=0.01deg
+  tsmblocks diagnose my_drive.toml --data run.csv --time-limit 60 \
+      --set lag.time_constant=0.02 --bounds motor.K=0.1:10 --local offset.bias
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections.abc import Callable
 from functools import partial
@@ -41,8 +40,14 @@ OPTION_NAMES = (
     (r"\btime_limit\b", "--time-limit"),
 )
 """Arguments of the function as messages name them, and the options of the command."""
-SHORTEST_SHOWN = 1.0
-"""Time [s] of a stage from which the rest of it is estimated. Chosen: less says little of what follows."""
+SCREENING = "tried"
+STAGES = {
+    "conditioned": "preparing the recordings",
+    "calibrated": "fitting the model as it is",
+    SCREENING: "screening candidate",
+    "fitted": "fitting candidate",
+}
+"""Stages of a diagnosis in words; the last two come back in every round."""
 
 
 def noise_floor(text: str) -> str:
@@ -125,22 +130,18 @@ def _save(result: Diagnosis, folder: Path | None) -> list[str]:
 
 
 class _Progress:
-    """The text of progress of the search, with the time that is left of its stage, and of the time limit [s]."""
+    """The text of progress of the search, with the time that is left of its step, and of the time limit [s]."""
 
     def __init__(self, limit: float | None = None, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock, self._stage, self._began = clock, ("", 0), clock()
-        self._end = None if limit is None else self._began + limit
+        self._clock, self._left, self._round = clock, console.TimeLeft(clock), 0
+        self._end = None if limit is None else clock() + limit
 
     def __call__(self, stage: str, done: int, of: int) -> str:
-        now = self._clock()
-        if (stage, of) != self._stage or done == 0:
-            self._stage, self._began = (stage, of), now
-        text = f"diagnosing: {stage}" + (f", {done} of {of}" if of > 1 else "")
-        if 0 < done < of and now - self._began >= SHORTEST_SHOWN:
-            text += f", about {_in_words((now - self._began) / done * (of - done))} left of this step"
-        return text if self._end is None else f"{text}; ends in {_in_words(max(self._end - now, 0.0))} at most"
-
-
-def _in_words(seconds: float) -> str:
-    """A time to wait: seconds below two minutes, then minutes."""
-    return f"{math.ceil(seconds)} s" if seconds < 120 else f"{math.ceil(seconds / 60)} min"
+        self._round += stage == SCREENING and done == 0
+        text = STAGES.get(stage, stage)
+        if of > 1:
+            text = f"round {self._round}: {text} {min(done + 1, of)} of {of}"
+            text += self._left(done / of, f"{stage} {self._round}")
+        if self._end is None:
+            return text
+        return f"{text}; ends in {console.duration_text(max(self._end - self._clock(), 0.0))} at most"

@@ -1,4 +1,7 @@
-"""List the ready-made diagrams, by the names that every command takes in place of a file."""
+"""List the ready-made diagrams, by the names that every command takes in place of a file.
+
+tsmblocks diagrams
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.files.shipped import shipped_names
 
     listed = {name: load(name).title for name in shipped_names()}
-    table = columns([*listed.items()], "", frozenset({0, 1}), console.width())
+    table = columns([*listed.items()], "", frozenset({0, 1}))
     more = "'tsmblocks check NAME' lists inputs and outputs, 'tsmblocks draw NAME' draws it."
     common.print_result(args, listed, f"{table}\n\n{console.wrap(more, console.width())}")
     return 0

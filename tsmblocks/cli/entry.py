@@ -31,14 +31,24 @@ from tsmblocks.cli import (
     study,
 )
 from tsmblocks.cli.common import INTERRUPTED, Formatter, Parser, UsageError
-from tsmblocks.cli.console import OUTPUT, print_error, readable_streams
+from tsmblocks.cli.console import OUTPUT, columns, print_error, readable_streams
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.interrupt import InterruptFlag, note_interrupts, terminate_as_interrupt
+from tsmblocks.common.tables import as_wide_as
 from tsmblocks.common.version import __version__
 
 MODULES = (run, fit, compare, diagnose, study, draw, check, export, diagrams, blocks, reference, demo, completion)
 COMMANDS = {module.__name__.rpartition(".")[2]: module for module in MODULES}
 """Modules of the commands by name, in the order of the help."""
+ABOUT = """Block diagrams for mechanisms with friction, backlash and hysteresis.
+
+  tsmblocks run fig16_feedforward_feedback --plot run.png
+  tsmblocks diagnose tendon_sheath_linear --data sheath.csv --out found
+  tsmblocks blocks Play
+
+'tsmblocks COMMAND --help' has the options of a command, and examples.
+"""
+"""Help of the program."""
 CLOSED = {"diagrams", "reference", "demo", "completion"}
 """Commands that use only the blocks of the package; all others take --with."""
 
@@ -54,6 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             readable_streams(),
             warnings.catch_warnings(),
             terminate_as_interrupt(),
+            as_wide_as(columns()),
         ):
             _simplify_warnings()
             return _flushed(_guarded(list(sys.argv[1:] if argv is None else argv), noted))
@@ -153,8 +164,7 @@ def _refused(extra: str, options: Sequence[str]) -> str:
 
 def parsers() -> tuple[Parser, dict[str, Parser]]:
     """The parser of the program, and that of each command."""
-    about = "Block diagrams for mechanisms with friction, backlash and hysteresis."
-    parser = Parser(prog="tsmblocks", description=about, allow_abbrev=False)
+    parser = Parser(prog="tsmblocks", description=ABOUT, allow_abbrev=False, formatter_class=Formatter)
     parser.add_argument("--version", action="version", version=f"tsmblocks {__version__}")
     inside = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
     made = {}

@@ -89,7 +89,7 @@ def execute(args: argparse.Namespace) -> int:
     records = recordings.read_experiments(args, diagram)
     with (
         common.option_names(OPTION_NAMES),
-        console.progress_line(console.search_progress("fitting"), quiet=args.json) as progress,
+        console.progress_line(console.search_progress("fitting", args.starts), quiet=args.json) as progress,
     ):
         result = fit(
             diagram,

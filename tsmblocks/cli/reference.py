@@ -34,7 +34,7 @@ def execute(args: argparse.Namespace) -> int:
     need_sphinx()
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
-    with console.progress_line(console.stage_progress, quiet=args.json) as progress:
+    with console.progress_line(console.stage_progress(), quiet=args.json) as progress:
         count = build(folder, _helps(args), progress)
     page = folder / "index.html"
     common.print_result(args, {"pages": count, "index": page}, f"{count} pages; begin at {page}")

@@ -4,6 +4,10 @@ With outputs x_ref and x_out, the peak-to-peak and rms tracking error are printe
 half of the run (after the initial transient) and over all of it. Otherwise a table of outputs.
 Outputs that were measured too are compared: the residual, measurement less run, is printed, and the
 measurement is plotted with the run.
+
+  tsmblocks run fig16_feedforward_feedback --set pid.kp=2 --plot run.png
+  tsmblocks run motor_linear --data drive.csv --map x=angle --out run.csv
+  tsmblocks run my_drive.toml --data run.csv --step 0.0005 --json
 """
 
 from __future__ import annotations

@@ -115,15 +115,7 @@ def study_progress() -> Callable[[int, int], str]:
         now = time.monotonic()
         began.append((now, done))
         rate = (done - began[0][1]) / max(now - began[0][0], 1e-9)
-        rest = f", {rate:.3g} runs/s, {duration_text((count - done) / rate)} left" if done > began[0][1] else ""
-        return f"{done} of {count} runs{rest}"
+        left = f", {rate:.3g} runs/s, about {console.duration_text((count - done) / rate)} left" if rate > 0 else ""
+        return f"{done} of {count} runs done{left}"
 
     return text
-
-
-def duration_text(seconds: float) -> str:
-    """A duration as text: ``12 s``, ``3 min 20 s``, ``2 h 5 min``."""
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest} s" if minutes else f"{rest} s"
-    return f"{minutes // 60} h {minutes % 60} min"

@@ -3,23 +3,52 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 
-WIDTH = 80
-"""Characters of a line of a terminal."""
+WIDTH, LONGEST_LINE = 80, 100
+"""Characters of a line where no terminal says otherwise, and of a line of prose at most. Chosen: longer ones are hard
+to read."""
+_COLUMNS: ContextVar[int] = ContextVar("columns", default=WIDTH)
+NO_CELL = " " * 5
+"""What a row ends with whose last cells are empty. Derived: two spaces, a cell of a letter, and two spaces."""
 NARROW = 24
 """Least characters for wrapped text beside a row, else it is put below. Chosen: about three words."""
 
 
-def columns(rows: Iterable[Sequence[str]], indent: str = "", left: Collection[int] = (0,), width: int = WIDTH) -> str:
+@contextmanager
+def as_wide_as(columns: int) -> Iterator[None]:
+    """Texts and tables that are made meanwhile are for a terminal of so many columns."""
+    token = _COLUMNS.set(columns)
+    try:
+        yield
+    finally:
+        _COLUMNS.reset(token)
+
+
+def table_width() -> int:
+    """Characters that a row of a table may have."""
+    return _COLUMNS.get()
+
+
+def line_width() -> int:
+    """Characters that a line of prose may have."""
+    return min(_COLUMNS.get(), LONGEST_LINE)
+
+
+def columns(
+    rows: Iterable[Sequence[str]], indent: str = "", left: Collection[int] = (0,), width: int | None = None
+) -> str:
     """Rows with aligned cells; those in ``left`` (by default the first) are flush left.
 
-    Where that is wider than ``width``, text in the last column (where it is flush left) is wrapped below itself, and a
-    name in the first column that leaves too little room is put above its row.
+    Where that is wider than ``width`` (by default that of the terminal), text in the last column (where it is flush
+    left) is wrapped below itself, and a name in the first column that leaves too little room is put above its row.
     """
     table = [list(row) for row in rows]
     if not table:
         return ""
+    width = width or table_width()
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
     end = len(widths) - 1
     words = end > 0 and end in left
@@ -41,7 +70,9 @@ def columns(rows: Iterable[Sequence[str]], indent: str = "", left: Collection[in
 
 
 def _with_words(before: str, words: str, width: int, below: str) -> list[str]:
-    """A row with text at its end: beside it in lines that fit, or below it where there is no room."""
+    """A row with text at its end: beside it in lines that fit, in place of empty cells, or below it."""
+    if before.endswith(NO_CELL) and len(before.rstrip()) + 2 + len(words) <= width:
+        return [f"{before.rstrip()}  {words}"]
     beside = width - len(before) >= NARROW
     first, others = (before, " " * len(before)) if beside else (below, below)
     fold = textwrap.TextWrapper(max(width, len(others) + NARROW), first, others, break_long_words=False)
@@ -49,8 +80,9 @@ def _with_words(before: str, words: str, width: int, below: str) -> list[str]:
     return fold.wrap(words) if beside else [before.rstrip(), *fold.wrap(words)]
 
 
-def split_columns(rows: Iterable[Sequence[str]], width: int = WIDTH) -> str:
+def split_columns(rows: Iterable[Sequence[str]], width: int | None = None) -> str:
     """Aligned columns of numbers, split into several tables where one would be too wide; each has the first column."""
+    width = width or table_width()
     names, *numbers = zip(*rows, strict=True)
     widest, *widths = (max(map(len, column)) for column in (names, *numbers))
     for each in range(len(numbers), 0, -1):

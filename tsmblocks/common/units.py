@@ -217,6 +217,32 @@ def display_unit(label: str) -> tuple[float, str]:
     return (factor(label, wanted) if wanted != label else 1.0), wanted
 
 
+PREFIXED = ("s", "Hz", "m", "N", "A", "V", "W", "J", "Pa", "ohm", "H", "Nm")
+"""Units that take a prefix on an axis."""
+PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
+PLAIN_FROM, PLAIN_TO = 0.1, 1e4
+"""Sizes between which a unit has no prefix. Chosen: 0.25 V and 2500 N are as easily read as 250 mV and 2.5 kN."""
+
+
+def axis_unit(label: str, size: float) -> tuple[float, str]:
+    """Factor and unit for an axis whose largest magnitude is ``size``: as displayed, with an SI prefix where it helps.
+
+    Units that have a prefix already, powers and quotients with such a numerator keep it; of seconds there are no
+    thousands.
+    """
+    k, wanted = display_unit(label)
+    first = re.match(r"[A-Za-z]*", wanted)
+    word = first[0] if first else ""
+    size = abs(k * size)
+    plain_size = size == 0 or not math.isfinite(size) or PLAIN_FROM <= size < PLAIN_TO
+    if plain_size or word not in PREFIXED or wanted[len(word) :].startswith(("^", "²", "**")):
+        return k, wanted
+    prefix = max((one for one in PREFIXES if one <= size * (1 + 1e-9)), default=min(PREFIXES))
+    if word == "s" and prefix > 1:
+        return k, wanted
+    return k / prefix, PREFIXES[prefix] + wanted
+
+
 def times(label: str, power_of: str, exponent: int = 1) -> str:
     """A readable label for ``label * power_of**exponent`` (used for rates and integrals)."""
     if label in ("", "1"):

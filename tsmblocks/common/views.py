@@ -83,10 +83,11 @@ class SignalViews:
     def _repr_html_(self) -> str:
         return view("html", self)
 
-    def plot(self, *names: str, ax: Any = None, after: float | None = None) -> Any:
+    def plot(self, *names: str, ax: Any = None, after: float | None = None, width: float | None = None) -> Any:
         """Plot signals over time, angles in degrees. Needs matplotlib.
 
-        In a script ``plt.show()`` of ``matplotlib.pyplot`` shows the figure, and its ``savefig`` saves it.
+        Nothing is shown yet: in a script ``plt.show()`` of ``matplotlib.pyplot`` shows the figure and its own
+        ``savefig`` writes it to a file, with or without a screen; a notebook shows the figure that a cell ends with.
 
         Parameters
         ----------
@@ -97,6 +98,8 @@ class SignalViews:
             Axes to draw into, by default those of a new figure.
         after : float or None, default None
             Time [s] at which the plot begins.
+        width : float or None, default None
+            Width of a new figure [in]; 7 by default, which is both columns of a paper. One column is 3.4.
 
         Returns
         -------
@@ -108,4 +111,4 @@ class SignalViews:
         TsmError
             For an unknown signal.
         """
-        return view("plot", self, names=names, ax=ax, after=after)
+        return view("plot", self, names=names, ax=ax, after=after, width=width)

@@ -383,20 +383,22 @@ class Diagnosis:
         """
         return view("report", self, folder=Path(folder))
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax: Any = None, *, width: float | None = None) -> Any:
         """Plot the errors before and after, the signals, and the residual along its main coordinate. Needs matplotlib.
 
         Parameters
         ----------
         ax : matplotlib axes, optional
-            Where to plot. Default: a new figure.
+            Where to plot: four for each segment. Default: a new figure.
+        width : float or None, default None
+            Width of a new figure [in]; 7 by default, which is both columns of a paper. One column is 3.4.
 
         Returns
         -------
         matplotlib.figure.Figure
-            The figure; with ``ax`` it shows the errors only.
+            The figure.
         """
-        return view("plot", self, ax=ax)
+        return view("plot", self, ax=ax, width=width)
 
     def __repr__(self) -> str:
         found = [f"{e.name} on {e.wire.strip()}" for e in self.effects]

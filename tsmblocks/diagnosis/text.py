@@ -6,7 +6,7 @@ import functools
 import textwrap
 from collections.abc import Sequence
 
-from tsmblocks.common.tables import WIDTH, columns, listed
+from tsmblocks.common.tables import WIDTH, columns, line_width, listed, table_width
 from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
@@ -24,9 +24,9 @@ from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_ve
 from tsmblocks.fitting.text import estimate_rows
 
 MAX_NAME_LENGTH, MAX_HEADING_LENGTH = 28, 14
-"""Characters at which a name in a table is cut, and the heading of a column of numbers. Chosen: for a terminal."""
-NAME_AND_WIRE_WIDTH = 48
-"""Characters that the name of a candidate and its wire have together. Chosen: a row then fits a terminal."""
+"""Characters at which a name in a table is cut, and the heading of a column of numbers, in lines of 80. Chosen."""
+NUMBERS_WIDTH = 32
+"""Characters of the other columns of a table of candidates, whose names and wires have what is left. Measured."""
 MAX_ROWS = 8
 """Candidates of a round that are reported. Chosen."""
 MAX_ROWS_UNNAMED = 3
@@ -42,7 +42,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     for segment in segments_by_verdict(diagnosis):
         parts.append(_filled(f"{verdict_word(segment).upper()}. {verdict_sentence(segment)}"))
         parts += _bullets("next", next_steps(segment))
-    parts.append(textwrap.fill(head, WIDTH))
+    parts.append(textwrap.fill(head, line_width()))
     several = len(diagnosis.segments) > 1
     for segment in diagnosis.segments:
         parts += [f"== {segment.name} =="] if several else []
@@ -81,7 +81,9 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
         ("all", gap.held_out, (gap.train[0], gap.train[-1]))
     ]
     if len(gap.experiments) > 1:
-        rows += [(_cut(name), held_out, fitted.get(name, ())) for name, held_out in gap.experiments.items()]
+        rows += [
+            (_cut(name, _name_length()), held_out, fitted.get(name, ())) for name, held_out in gap.experiments.items()
+        ]
     rows.append((f"noise floor ({gap.given or gap.method})", (gap.noise_floor,), ()))
     table = [[f"held-out rms of {gap.output} [{unit or 'its unit'}]", *titles]]
     for name, held_out, own in rows:
@@ -103,8 +105,9 @@ def _ranking(segment: Segment) -> list[str]:
         if not fitted:
             continue
         shown = fitted[: MAX_ROWS_UNNAMED if segment.effects and not any(r.named for r in fitted) else MAX_ROWS]
-        titles = [_cut(candidate_title(r)) for r in shown]
-        room = NAME_AND_WIRE_WIDTH + (0 if several > 1 else len("  new exp.")) - max(map(len, titles))
+        titles = [_cut(candidate_title(r), _name_length()) for r in shown]
+        numbers = NUMBERS_WIDTH - (0 if several > 1 else len("  new exp."))
+        room = max(table_width() - numbers - max(map(len, titles)), MAX_HEADING_LENGTH)
         rows = [["  candidate", "on", "removes", *["new exp."][: several - 1], f"t ({fitted[0].line:.2g})"]]
         rows += [
             [
@@ -226,7 +229,7 @@ def _consequence(diagnosis: Diagnosis) -> list[str]:
         return [_filled(f"Consequence for control: {diagnosis.no_consequence}")] if diagnosis.no_consequence else []
     k, unit = display_unit(found.unit)
     rows = [
-        [f"tracking {_cut(found.reference)} [{unit}]", "peak to peak", "rms"],
+        [f"tracking {_cut(found.reference, _name_length())} [{unit}]", "peak to peak", "rms"],
         ["without compensation", *(digits(k * v) for v in found.none)],
         ["compensated with the base", *(digits(k * v) for v in found.base)],
         ["compensated with the new model", *(digits(k * v) for v in found.augmented)],
@@ -237,7 +240,12 @@ def _consequence(diagnosis: Diagnosis) -> list[str]:
 # ---- small things --------------------------------------------------------------------------------
 
 
-def _cut(text: str, most: int = MAX_NAME_LENGTH) -> str:
+def _name_length() -> int:
+    """Characters at which a name in a table is cut: more of them where the terminal is wider."""
+    return MAX_NAME_LENGTH + max(table_width() - WIDTH, 0) // 2
+
+
+def _cut(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
@@ -250,7 +258,7 @@ def _filled(text: str, first: str = "", others: str = "") -> str:
     """A text in lines that fit a terminal; a percent sign stays with its number."""
     lines = textwrap.fill(
         text.replace(" %", "\xa0%"),
-        WIDTH,
+        line_width(),
         initial_indent=first,
         subsequent_indent=others,
         break_long_words=False,

@@ -169,20 +169,22 @@ class Comparison:
         }
         return frame(columns, [r.name for r in self], "model", {k: self.unit for k in columns if k.startswith("rms")})
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax: Any = None, *, width: float | None = None) -> Any:
         """Plot the error of every model and the loops of the best.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw into; by default a new figure.
+        width : float, optional
+            Width of a new figure [in]; 7 by default, which is both columns of a paper. One column is 3.4.
 
         Returns
         -------
-        matplotlib.figure.Figure or matplotlib.axes.Axes
-            What was drawn. Needs matplotlib.
+        matplotlib.figure.Figure
+            The figure. Needs matplotlib.
         """
-        return view("plot", self, ax=ax)
+        return view("plot", self, ax=ax, width=width)
 
     def __repr__(self) -> str:
         return f"Comparison(best {self.best.name!r} of {len(self)}: {few(r.name for r in self)})"

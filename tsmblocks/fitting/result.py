@@ -197,20 +197,22 @@ class Fit:
         save(self.diagram, path)
         return Path(path)
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax: Any = None, *, width: float | None = None) -> Any:
         """Plot time histories, loops, residuals and their autocorrelation.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw into; by default a new figure.
+        width : float, optional
+            Width of a new figure [in]; 7 by default, which is both columns of a paper. One column is 3.4.
 
         Returns
         -------
-        matplotlib.figure.Figure or matplotlib.axes.Axes
-            What was drawn. Needs matplotlib.
+        matplotlib.figure.Figure
+            The figure. Needs matplotlib.
         """
-        return view("plot", self, ax=ax)
+        return view("plot", self, ax=ax, width=width)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the signals as plain values.

@@ -174,20 +174,22 @@ class Differences:
         """Whether all are of one output in one unit, so that their residuals may be pooled as they are."""
         return len({(d.unit, d.output) for d in self.items}) == 1
 
-    def plot(self, ax: Any = None) -> Any:
-        """Plot measured and simulated signals, the residual, its loop and its spectrum, a row for each item.
+    def plot(self, ax: Any = None, *, width: float | None = None) -> Any:
+        """Plot measured and simulated signals, the residual, its loop and its autocorrelation, for each item.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             Axes to draw into; by default a new figure.
+        width : float, optional
+            Width of a new figure [in]; 7 by default, which is both columns of a paper. One column is 3.4.
 
         Returns
         -------
-        matplotlib.figure.Figure or matplotlib.axes.Axes
-            What was drawn. Needs matplotlib.
+        matplotlib.figure.Figure
+            The figure. Needs matplotlib.
         """
-        return view("plot", self, ax=ax)
+        return view("plot", self, ax=ax, width=width)
 
     def in_degrees(self) -> Differences:
         """Return the same with angles in degrees.

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from tsmblocks.common import units
-from tsmblocks.common.tables import WIDTH, columns, listed, split_columns
+from tsmblocks.common.tables import columns, line_width, listed, split_columns, table_width
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
 from tsmblocks.fitting.compare import Comparison, Row, overall
@@ -25,6 +25,8 @@ MOST = 5
 """Pairs of parameters that are listed; the rest is counted. Chosen."""
 MOST_OF_STATES = 2
 """Combinations of initial states that are listed; the rest is counted. Chosen."""
+OPEN = "?"
+"""Mark of a number of parameters that the data do not determine."""
 LEAST, EXACT = 3, 7
 """Significant digits of every value, and of the best known one. Chosen."""
 
@@ -37,7 +39,7 @@ def fit_text(fit: Fit) -> str:
     tried = len(fit.searches)
     agree = f"; {fit.agreeing} of {tried} starts ended at this optimum" if tried > 1 else ""
     head = [fit.diagram.title] if fit.diagram.title else []
-    head.append(textwrap.fill(f"{fit.method}: {STATUS[fit.status]}{agree}", WIDTH))
+    head.append(textwrap.fill(f"{fit.method}: {STATUS[fit.status]}{agree}", line_width()))
     return "\n\n".join(
         ["\n".join(head), numbers(fit), residual_table(fit.differences), *_list("beware:", cautions(fit))]
     )
@@ -164,12 +166,15 @@ def _in_degrees(e: Estimate) -> str:
 
 
 def comparison_text(comparison: Comparison) -> str:
-    """The table of models from best to worst, what could not be fitted, and what to beware of."""
+    """The best model and the noise, the table of all, what could not be fitted, and what to beware of."""
     rows = ranking_rows(comparison)
-    flush = (0, len(rows[0]) - 1) if rows[0][-1] == "" else (0,)
-    parts = ["\n".join(map(_bullet, comparison.notes))] if comparison.notes else []
-    parts += [columns(rows, left=flush)] if len(rows) > 1 else []
-    parts += _beside_noise(comparison)
+    parts = _beside_noise(comparison)
+    parts += ["\n".join(map(_bullet, comparison.notes))] if comparison.notes else []
+    if rows[0][-1] == "":  # the remark of each row as a mark, for which there is room
+        rows = [(row[0], f"{row[1]}{OPEN if row[-1] else ' ' * (k > 0)}", *row[2:-1]) for k, row in enumerate(rows)]
+    if len(rows) > 1:
+        key = f"\n{OPEN} some of them are not determined by these data" if any(OPEN in r[1] for r in rows) else ""
+        parts.append(columns(rows) + key)
     parts += _list("could not be fitted:", [f"{row.name}: {row.fault}" for row in comparison if row.fit is None])
     parts += _list("beware:", [f"{row.name}: {text}" for row in comparison for text in row_doubts(row)])
     return "\n\n".join(parts)
@@ -199,14 +204,13 @@ def _beside_noise(comparison: Comparison) -> list[str]:
         return []
     k, unit = for_people(comparison)
     size = f"{k * comparison.noise:.3g} {unit}".rstrip()
-    noise = f"The noise of the recordings is {size} rms ({comparison.noise_from})"
-    if ratio < FAR:
-        return [textwrap.fill(f"{noise}; the residual of {name} is {ratio:.2g} times that.", WIDTH)]
-    text = (
-        f"{noise}, and the residual of {name} is {ratio:.2g} times that: every model has an unmodelled effect. A "
-        "diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
-    )
-    return [textwrap.fill(text, WIDTH, break_on_hyphens=False)]
+    text = f"{name} fits best: its error is {ratio:#.2g} times the noise of the recordings ({size} rms, "
+    text += f"{comparison.noise_from})."
+    if ratio >= FAR:
+        text += (
+            " Every model has an unmodelled effect. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
+        )
+    return [textwrap.fill(text, line_width(), break_on_hyphens=False)]
 
 
 def open_numbers(fit: Fit) -> list[str]:
@@ -228,7 +232,7 @@ def by_file(found: Mapping[str, Comparison]) -> str:
             [model, *(f"{k * y:.4g}{'*' if y == low else ' '}" if np.isfinite(y) else "- " for y, low in pairs)]
         )
     text = columns(rows)
-    if sum(2 + max(map(len, column)) for column in zip(*rows, strict=True)) > WIDTH:
+    if sum(2 + max(map(len, column)) for column in zip(*rows, strict=True)) > table_width():
         names, *figures_by_file = zip(*rows, strict=True)
         text = split_columns(
             [["file", *(f"{name} " for name in names[1:])], *([c[0].strip(), *c[1:]] for c in figures_by_file)]
@@ -273,7 +277,7 @@ def _list(heading: str, sentences: Iterable[str]) -> list[str]:
 def _bullet(text: str) -> str:
     """A sentence in lines that fit a terminal, after a dash; no percent sign stands alone."""
     wrapper = textwrap.TextWrapper(
-        WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        line_width(), initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
     )
     return wrapper.fill(text.replace(" %", "\xa0%")).replace("\xa0", " ")
 

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from tsmblocks.common.errors import without_controls
+from tsmblocks.common.palette import DARK, EITHER, LIGHT, css_variables
 
 FLUSH_LEFT = "l:"
 """Prefix of the name of a column that is flush left."""
@@ -53,8 +54,10 @@ def part(name: str, *arguments: Any) -> Markup:
 
 @functools.cache
 def style(name: str) -> Markup:
-    """A style sheet on one line, without its comments."""
+    """A style sheet on one line, without its comments; ``@light``, ``@dark`` and ``@either`` are palettes."""
     text = (files("tsmblocks.html") / "templates" / name).read_text(encoding="utf-8")
+    for mark, palette in {"@light": LIGHT, "@dark": DARK, "@either": EITHER}.items():
+        text = text.replace(mark, css_variables(palette))
     return Markup(" ".join(re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).split()))
 
 

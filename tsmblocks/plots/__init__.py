@@ -1,7 +1,8 @@
 """Figures. Every function draws on the axes it is given, or makes a figure, and returns the figure.
 
 Angles are stored in rad and shown in deg, as the paper shows them. Needs matplotlib, imported when a figure is made.
-Figures of ``value.plot()`` are those of pyplot, so that ``plt.show()`` in a script shows them.
+Figures of ``value.plot()`` are those of pyplot, so that ``plt.show()`` in a script shows them. ``style`` has what they
+look like, which holds for them alone and gives way to the user's own ``rcParams``; ``panels`` where panels stand.
 """
 
 import functools
@@ -24,7 +25,6 @@ from tsmblocks.plots.fits import (
     plot_history,
     plot_residual,
 )
-from tsmblocks.plots.panels import usual
 from tsmblocks.plots.runs import plot_loop, plot_record, plot_run, plot_tracking
 from tsmblocks.plots.studies import (
     plot_distribution,
@@ -35,6 +35,7 @@ from tsmblocks.plots.studies import (
     plot_study,
     plot_tornado,
 )
+from tsmblocks.plots.style import usual
 from tsmblocks.plots.tuning import plot_tuned
 from tsmblocks.simulation.run import Run
 from tsmblocks.studies.responses import Responses

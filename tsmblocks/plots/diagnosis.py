@@ -8,68 +8,81 @@ import numpy as np
 
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.data import heading
-from tsmblocks.diagnosis.presentation import by_excess, darkness, display_unit, gap_rows, output_traces, profile, strips
+from tsmblocks.diagnosis.presentation import by_excess, darkness, gap_rows, output_traces, profile, strips
 from tsmblocks.diagnosis.result import Diagnosis, Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.diagnosis.verdict_text import worst_gap
-from tsmblocks.plots.panels import COLOURS, INK, PALE, SMALL, axes, dress, head, sheet
+from tsmblocks.plots.panels import axes, dress, entitle, head, in_time, key, scaled, shared_key, sheet
+from tsmblocks.plots.style import BEFORE, INK, MEASURED, NOISE, NOISE_BAND, PALE, styled
+from tsmblocks.plots.style import MODEL as AFTER
 
-BEFORE, AFTER, NOISE = COLOURS[1], COLOURS[0], COLOURS[2]
-BELOW: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (0.0, -0.16), **SMALL}
-"""Place of a legend below a panel."""
+LEAST_BARS = 3
+"""Experiments for which there is room at least, so that the bars of one are not as high as the panel."""
+BAR_EDGE: dict[str, Any] = {"fill": False, "edgecolor": INK, "lw": 0.6}
+"""Arguments of the hollow bar of an error on fitted data."""
 
 
-def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None) -> Any:
+@styled
+def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None, *, width: float | None = None) -> Any:
     """Errors as bars, residuals of the worst experiment, its loop, and the residual over the best coordinate.
 
-    A row of panels for each segment, drawn for its output that is furthest above its noise; ``ax`` may be four axes
-    for each, row by row.
+    Four panels for each segment, drawn for its output that is furthest above its noise; ``ax`` may be four axes
+    for each, segment by segment. ``width`` [in] is that of a new figure.
     """
     rows = diagnosis.segments
-    figure, panels = sheet(ax, len(rows), 4, width=16.0, height=3.6, widths=(1.2, 1.6, 1.0, 1.1))
+    figure, panels = sheet(ax, len(rows), "AB/CD", width=width, height=2.1)
     for row, segment in zip(panels, rows, strict=True):
         gap = worst_gap(segment)
         trace = _worst(segment, gap)
         _bars(row[0], segment, gap)
-        _traces(row[1], trace, gap)
-        _loop(row[2], trace, diagnosis)
+        _traces(row[1], trace, gap, segment)
+        _loop(row[2], trace, segment, diagnosis)
         _along(row[3], segment, gap, diagnosis)
         head(row[0], f"{segment.name}: {segment.verdict}", weight="bold")
         head(row[1], trace.experiment)
+        head(row[2], f"{trace.experiment}, {_stretch_text(trace)}")
+    shared_key(figure, panels.flat, own=ax is None)
     names = ", ".join(e.name for e in diagnosis.effects)
     if ax is None:
-        figure.suptitle(f"{diagnosis.diagram}: {names or diagnosis.verdict}", x=0.01, ha="left", fontsize=11)
+        entitle(figure, f"{diagnosis.diagram}: {names or diagnosis.verdict}")
     return figure
 
 
-def plot_gap(diagnosis: Diagnosis, ax: Any = None) -> Any:
+@styled
+def plot_gap(diagnosis: Diagnosis, ax: Any = None, *, width: float | None = None) -> Any:
     """Rms error of each experiment on validation data, before and after; hollow bars: on fitted data; line: noise.
 
     Of the segment that the verdict is about.
     """
     segment = diagnosis.worst
-    (panel,) = axes(ax, 1, height=1.2 + 0.4 * (1 + len(diagnosis.experiments)))
+    (panel,) = axes(ax, 1, height=0.9 + 0.28 * (1 + len(diagnosis.experiments)), width=width)
     _bars(panel, segment, worst_gap(segment))
+    key(panel)
     return panel.figure
 
 
-def plot_disagreement(diagnosis: Diagnosis, experiment: str = "", ax: Any = None) -> Any:
+@styled
+def plot_disagreement(diagnosis: Diagnosis, experiment: str = "", ax: Any = None, *, width: float | None = None) -> Any:
     """The residual over time before and after, and blocks of time as a strip: the darker, the larger it is.
 
     Of the experiment that is worst, or the one named. Raises TsmError for a name that is none.
     """
     segment = diagnosis.worst
     gap = worst_gap(segment)
-    (panel,) = axes(ax, 1, height=3.2)
-    _traces(panel, _worst(segment, gap, experiment), gap)
+    (panel,) = axes(ax, 1, height=2.3, width=width)
+    trace = _worst(segment, gap, experiment)
+    _traces(panel, trace, gap, segment)
+    key(panel, over=trace.experiment)
     return panel.figure
 
 
-def plot_coordinate(diagnosis: Diagnosis, ax: Any = None) -> Any:
+@styled
+def plot_coordinate(diagnosis: Diagnosis, ax: Any = None, *, width: float | None = None) -> Any:
     """Mean residual in bins of the coordinate that predicts it best, with standard errors, before and after."""
     segment = diagnosis.worst
-    (panel,) = axes(ax, 1, height=3.2)
+    (panel,) = axes(ax, 1, height=2.3, width=width)
     _along(panel, segment, worst_gap(segment), diagnosis)
+    key(panel)
     return panel.figure
 
 
@@ -85,55 +98,62 @@ def _worst(segment: Segment, gap: Gap, experiment: str = "") -> Trace:
 
 
 def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
-    k, unit = display_unit(gap.unit)
     rows, names, last = gap_rows(segment, gap), column_titles(segment), len(gap.held_out) - 1
+    (errors, train, floor), unit = scaled(
+        gap.unit, [values for _, values, _ in rows], [train for _, _, train in rows], gap.noise_floor
+    )
     tall = 0.8 / len(gap.held_out)
     for step, name in enumerate(names):
         places = np.arange(len(rows)) + step * tall - 0.4 + tall / 2
-        errors = [k * values[step] for _, values, _ in rows]
-        pale = 0.5 if 0 < step < last else 1.0
-        panel.barh(places, errors, 0.9 * tall, color=AFTER if step else BEFORE, alpha=pale, label=name)
+        colour = _looks(segment)[0][1] if not step else AFTER if step == last else PALE
+        panel.barh(places, errors[:, step], 0.9 * tall, color=colour, label=name if step else _looks(segment)[0][0])
         if step in (0, last):
-            own = [k * train[1 if step else 0] for _, _, train in rows]
-            panel.barh(places, own, 0.9 * tall, fill=False, edgecolor=INK, lw=0.8, label="" if step else "as fitted")
-    panel.axvline(k * gap.noise_floor, color=NOISE, ls="--", lw=1.2, label="noise")
+            own = train[:, 1 if step else 0]
+            panel.barh(places, own, 0.9 * tall, label="" if step else "as fitted", **BAR_EDGE)
+    panel.axvline(float(floor), color=NOISE, ls="--", lw=1.2, label="noise")
     panel.set_yticks(range(len(rows)), [name for name, _, _ in rows])
-    panel.invert_yaxis()
-    panel.locator_params(axis="x", nbins=4)
-    dress(panel, heading(f"rms of {gap.output} on validation data", unit), legend={**BELOW, "ncols": 2})
-
-
-def _traces(panel: Any, trace: Trace, gap: Gap) -> None:
-    k, unit = display_unit(trace.unit)
-    noise = 2 * k * gap.noise_floor
-    panel.axhspan(-noise, noise, color=NOISE, alpha=0.25, lw=0, label="noise (± 2 rms)")
-    before, after = k * (trace.measured - trace.before), k * (trace.measured - trace.after)
-    panel.plot(trace.t, before, color=BEFORE, lw=0.8, label="before")
-    if not np.array_equal(before, after):
-        panel.plot(trace.t, after, color=AFTER, lw=0.8, label="after")
-    reach = max(float(np.abs(before).max()), noise)
-    for start, stop, *squares in strips(trace):
-        for low, square, colour in zip((1.22 * reach, 1.12 * reach), squares, (BEFORE, AFTER), strict=True):
-            panel.fill_between([start, stop], low, low + 0.09 * reach, color=colour, alpha=darkness(square), lw=0)
-    dress(panel, "t [s]", heading(f"residual of {trace.output}", unit), legend={**BELOW, "ncols": 3})
-
-
-def _loop(panel: Any, trace: Trace, diagnosis: Diagnosis) -> None:
-    k, unit = display_unit(trace.unit)
-    x, label = trace.t, "t [s]"
-    if len(trace.drive):
-        k_in, unit_in = display_unit(diagnosis.base.unit(trace.drive_name))
-        x, label = k_in * trace.drive, heading(trace.drive_name, unit_in)
-    here = _worst_stretch(trace)
-    for name, y, colour, width in (
-        ("measured", trace.measured, PALE, 4.0),
-        ("before", trace.before, BEFORE, 1.0),
-        ("after", trace.after, AFTER, 1.0),
-    ):
-        panel.plot(x[here], k * y[here], color=colour, lw=width, label=name)
-    head(panel, f"{trace.t[here][0]:.3g} s to {trace.t[here][-1]:.3g} s")
+    panel.set_ylim(max(len(rows), LEAST_BARS) - 0.5, -0.5)
+    panel.tick_params(axis="y", length=0)
+    panel.grid(axis="y", visible=False)
     panel.locator_params(axis="x", nbins=5)
-    dress(panel, label, heading(trace.output, unit), legend=SMALL)
+    dress(panel, heading(f"rms of {gap.output} on validation data", unit))
+
+
+def _looks(segment: Segment) -> tuple[tuple[str, str], tuple[str, str]]:
+    """Label and colour of the base and of the final model: where nothing is missing, the base is the model."""
+    return (("model", AFTER) if segment.verdict == "none" else ("before", BEFORE)), ("after", AFTER)
+
+
+def _traces(panel: Any, trace: Trace, gap: Gap, segment: Segment) -> None:
+    before, after = trace.measured - trace.before, trace.measured - trace.after
+    changed = not np.array_equal(before, after)
+    (before, after, noise), unit = scaled(trace.unit, before, after, 2 * gap.noise_floor)
+    t, t_label = in_time(trace.t)
+    panel.axhspan(-noise, noise, label="noise (± 2 rms)", **NOISE_BAND)
+    looks = _looks(segment)[: 1 + changed]
+    for (label, colour), residual in zip(looks, (before, after), strict=False):
+        panel.plot(t, residual, color=colour, lw=0.7, label=label)
+    reach, k = max(float(np.abs(before).max()), float(noise)), t[-1] / trace.t[-1] if trace.t[-1] else 1.0
+    for start, stop, *squares in strips(trace):
+        for low, square, (_, colour) in zip((1.22 * reach, 1.12 * reach), squares, looks, strict=False):
+            across = [k * start, k * stop]
+            panel.fill_between(across, low, low + 0.09 * reach, color=colour, alpha=darkness(square), lw=0)
+    dress(panel, t_label, heading(f"residual of {trace.output}", unit))
+
+
+def _loop(panel: Any, trace: Trace, segment: Segment, diagnosis: Diagnosis) -> None:
+    here = _worst_stretch(trace)
+    x, label = in_time(trace.t[here])
+    if len(trace.drive):
+        (x,), unit_in = scaled(diagnosis.base.unit(trace.drive_name), trace.drive[here])
+        label = heading(trace.drive_name, unit_in)
+    curves, unit = scaled(trace.unit, *(y[here] for y in (trace.measured, trace.before, trace.after)))
+    panel.plot(x, curves[0], color=MEASURED, lw=2.5, label="measured")
+    changed = not np.array_equal(trace.before, trace.after)
+    for (name, colour), y in zip(_looks(segment)[: 1 + changed], curves[1:], strict=False):
+        panel.plot(x, y, color=colour, label=name)
+    panel.locator_params(axis="x", nbins=5)
+    dress(panel, label, heading(trace.output, unit), margin=0.03)
 
 
 def _worst_stretch(trace: Trace) -> slice:
@@ -146,18 +166,24 @@ def _worst_stretch(trace: Trace) -> slice:
     return slice(int(np.searchsorted(trace.t, first)), int(np.searchsorted(trace.t, last, side="right")))
 
 
+def _stretch_text(trace: Trace) -> str:
+    t = trace.t[_worst_stretch(trace)]
+    return f"{t[0]:.3g} to {t[-1]:.3g} s"
+
+
 def _along(panel: Any, segment: Segment, gap: Gap, diagnosis: Diagnosis) -> None:
     curve = profile(segment, gap.output, segment.where[0].coordinate, diagnosis.base) if segment.where else None
     if curve is None:
         panel.text(0.5, 0.5, "no coordinate predicts the residual", ha="center", color=INK, transform=panel.transAxes)
         panel.set_axis_off()
         return
-    k, unit = display_unit(curve.error_unit)
-    k_in, unit_in = display_unit(curve.unit)
-    x = k_in * curve.x
+    values = (curve.before, curve.error_before, curve.explained, curve.after, curve.error_after)
+    (before, error_before, explained, after, error_after), unit = scaled(curve.error_unit, *values)
+    (x,), unit_in = scaled(curve.unit, curve.x)
     if segment.effects:
-        panel.plot(x, k * curve.explained, color=AFTER, ls="--", lw=1.2, label="reported effects")
-        panel.errorbar(x, k * curve.after, k * curve.error_after, fmt="o", ms=3, color=AFTER, lw=1, label="after")
-    panel.errorbar(x, k * curve.before, k * curve.error_before, fmt="o", ms=3, color=BEFORE, lw=1, label="before")
+        panel.plot(x, explained, color=AFTER, ls="--", label="reported effects")
+        panel.errorbar(x, after, error_after, fmt="o", color=AFTER, lw=1, label="after")
+    label, colour = _looks(segment)[0]
+    panel.errorbar(x, before, error_before, fmt="o", color=colour, lw=1, label=label)
     panel.axhline(0.0, color=INK, lw=0.6)
-    dress(panel, heading(curve.coordinate, unit_in), heading("mean residual", unit), legend=SMALL)
+    dress(panel, heading(curve.coordinate, unit_in), heading("mean residual", unit), margin=0.03)

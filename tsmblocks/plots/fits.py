@@ -19,110 +19,116 @@ from tsmblocks.fitting.compare import Comparison, overall
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.score import Difference, Differences
 from tsmblocks.fitting.statistics import autocorrelation
-from tsmblocks.plots.panels import COLOURS, INK, INSIDE, LEGEND, PALE, SMALL, axes, dress, head, sheet, shown
+from tsmblocks.plots.panels import axes, decimal, dress, entitle, head, in_time, key, scaled, shared_key, sheet
+from tsmblocks.plots.style import INK, MEASURED, MODEL, NARROW, NOISE_BAND, series, styled, width_of
 
 MOST = 8
 """Experiments and outputs drawn; more would be too small to read."""
+SPACIOUS = 2
+"""Experiments and outputs of which each has two lines of panels; of more, one."""
 LAGS = 500
 """Samples up to which the autocorrelation is drawn."""
 MARKS = "osD^vPX*"
 """Markers of files, beside their colours."""
 
 
-def plot_fit(fit: Fit | Differences, ax: Any = None) -> Any:
+@styled
+def plot_fit(fit: Fit | Differences, ax: Any = None, *, width: float | None = None) -> Any:
     """Measured and simulated signals over time, the residual, the loop over the input, and the autocorrelation.
 
-    One row per experiment and output, the first ``MOST`` of them; ``ax`` may be four axes for each, row by row.
+    Four panels for each experiment and output, the first ``MOST`` of them; ``ax`` may be four axes for each.
+    ``width`` [in] is that of a new figure.
     """
     differences = fit.differences if isinstance(fit, Fit) else fit
     rows = list(differences)[:MOST]
-    figure, panels = sheet(ax, len(rows), 4, width=15.0, height=2.8, widths=(1.5, 1.3, 1.0, 0.8))
+    layout, widths = ("AC/BD", (1.7, 1.0)) if len(rows) <= SPACIOUS else ("ABCD", (1.5, 1.4, 1.0, 0.9))
+    height = 2.0 if len(rows) <= SPACIOUS else 1.6
+    figure, panels = sheet(ax, len(rows), layout, height=height, width=width, widths=widths)
     for row, one in zip(panels, rows, strict=True):
         for panel, draw in zip(row, (_history, _residual, _loop, _autocorrelation), strict=True):
             draw(panel, one)
         head(row[0], f"{one.experiment}, {one.output}", weight="bold")
         head(row[1], _residual_title(one))
         head(row[3], "autocorrelation")
-    for above, below in zip(panels[:-1].flat, panels[1:].flat, strict=True):
-        if above.get_xlabel() == below.get_xlabel():
-            above.set_xlabel("")
+    if len(rows) > SPACIOUS and figure.get_figwidth() >= NARROW:
+        _name_once(panels)
     if ax is None:
         more = f" (the first {MOST} of {len(differences)})" if len(differences) > MOST else ""
-        figure.suptitle(f"{differences.title}{more}", x=0.01, ha="left", fontsize=11)
-    _legend(figure, panels[0], own=ax is None)
+        entitle(figure, f"{differences.title}{more}")
+    shared_key(figure, panels[0], own=ax is None)
     return figure
 
 
-def plot_history(difference: Difference, ax: Any = None) -> Any:
+def _name_once(panels: np.ndarray) -> None:
+    """Leave out the name of an axis that the panel below has too."""
+    for above, below in zip(panels[:-1].flat, panels[1:].flat, strict=True):
+        if above.get_xlabel() == below.get_xlabel():
+            above.set_xlabel("")
+
+
+@styled
+def plot_history(difference: Difference, ax: Any = None, *, width: float | None = None) -> Any:
     """What was measured and what was simulated, over time."""
-    return _alone(_history, difference, ax)
+    return _alone(_history, difference, ax, width)
 
 
-def plot_residual(difference: Difference, ax: Any = None) -> Any:
+@styled
+def plot_residual(difference: Difference, ax: Any = None, *, width: float | None = None) -> Any:
     """The residual over time, with the band of twice the measured signal's noise.
 
     The noise is that of ``tsm.noise``: a residual inside the band cannot be reduced by a better model.
     """
-    return _alone(_residual, difference, ax)
+    return _alone(_residual, difference, ax, width)
 
 
-def plot_fitted_loop(difference: Difference, ax: Any = None) -> Any:
+@styled
+def plot_fitted_loop(difference: Difference, ax: Any = None, *, width: float | None = None) -> Any:
     """What was measured and simulated over the input; with several inputs or none, one over the other."""
-    return _alone(_loop, difference, ax)
+    return _alone(_loop, difference, ax, min(width_of(width), NARROW), 0.7 * min(width_of(width), NARROW))
 
 
-def plot_autocorrelation(difference: Difference, ax: Any = None) -> Any:
+@styled
+def plot_autocorrelation(difference: Difference, ax: Any = None, *, width: float | None = None) -> Any:
     """Autocorrelation of the residual over the lag in s; 95 % of the lags of white noise lie in the band."""
-    return _alone(_autocorrelation, difference, ax)
+    figure = _alone(_autocorrelation, difference, ax, width)
+    dress(figure.axes[-1] if ax is None else np.ravel(np.array(ax, dtype=object))[0], ylabel="autocorrelation")
+    return figure
 
 
-def _alone(draw: Any, one: Difference, ax: Any) -> Any:
-    (panel,) = axes(ax, 1, height=3.2)
+def _alone(draw: Any, one: Difference, ax: Any, width: float | None, height: float = 2.3) -> Any:
+    (panel,) = axes(ax, 1, height=height, width=width)
     draw(panel, one)
-    if any(panel.get_legend_handles_labels()[1]):
-        panel.legend(**LEGEND)
+    key(panel)
     return panel.figure
 
 
-def _legend(figure: Any, panels: Any, *, own: bool) -> None:
-    """One legend for all panels, each label once; on a figure of the caller one in each panel."""
-    named: dict[str, Any] = {}
-    for panel in panels:
-        handles, labels = panel.get_legend_handles_labels()
-        for handle, label in zip(handles, labels, strict=True):
-            named.setdefault(label, handle)
-        if not own and any(labels):
-            panel.legend(**SMALL)
-    if own:
-        figure.legend(named.values(), named.keys(), ncols=len(named), loc="outside upper right", **INSIDE)
-
-
 def _residual_title(one: Difference) -> str:
-    d = one.in_degrees()
-    return f"residual: rms {d.rms:.3g}, largest {d.largest:.3g} {d.unit}".rstrip()
+    (rms, largest), unit = scaled(one.unit, one.rms, one.largest)
+    return f"residual: rms {rms:.3g}, largest {largest:.3g} {unit}".rstrip()
 
 
-def _measured_and_simulated(panel: Any, x: np.ndarray, one: Difference, width: float) -> str:
+def _measured_and_simulated(panel: Any, x: np.ndarray, one: Difference) -> str:
     """Both over ``x``; the label of their axis."""
-    measured, unit = shown(one.measured, one.unit)
-    panel.plot(x, measured, color=PALE, lw=4.0, label="measured")
-    panel.plot(x, shown(one.simulated, one.unit)[0], color=COLOURS[0], lw=width, label="simulated")
+    (measured, simulated), unit = scaled(one.unit, one.measured, one.simulated)
+    panel.plot(x, measured, color=MEASURED, lw=2.5, label="measured")
+    panel.plot(x, simulated, color=MODEL, label="simulated")
     return heading(one.output, unit)
 
 
 def _history(panel: Any, one: Difference) -> None:
-    dress(panel, "t [s]", _measured_and_simulated(panel, one.t, one, 1.1))
+    t, label = in_time(one.t)
+    dress(panel, label, _measured_and_simulated(panel, t, one))
 
 
 def _residual(panel: Any, one: Difference) -> None:
-    residual, unit = shown(one.residual, one.unit)
     floor = _floor(one)
+    (residual, band), unit = scaled(one.unit, one.residual, 2 * (floor or 0.0))
+    t, label = in_time(one.t)
     if floor:
-        band = 2 * float(shown(np.array([floor]), one.unit)[0][0])
-        panel.axhspan(-band, band, color=COLOURS[2], alpha=0.25, lw=0, label="noise (± 2 rms)")
-    panel.plot(one.t, residual, color=COLOURS[1], lw=0.8, label="residual")
+        panel.axhspan(-band, band, label="noise (± 2 rms)", **NOISE_BAND)
+    panel.plot(t, residual, color=MODEL, lw=0.7, label="residual")
     panel.axhline(0.0, color=INK, lw=0.6)
-    dress(panel, "t [s]", heading("residual", unit))
+    dress(panel, label, heading("residual", unit))
 
 
 def _floor(one: Difference) -> float | None:
@@ -136,35 +142,37 @@ def _floor(one: Difference) -> float | None:
 
 def _loop(panel: Any, one: Difference) -> None:
     if len(one.inputs) == 1:
-        ((name, signal),) = one.inputs.items()
-        x, unit = shown(*signal)
-        dress(panel, heading(name, unit), _measured_and_simulated(panel, x, one, 0.9))
+        ((name, (signal, signal_unit)),) = one.inputs.items()
+        (x,), unit = scaled(signal_unit, signal)
+        dress(panel, heading(name, unit), _measured_and_simulated(panel, x, one), margin=0.03)
     else:
-        (y, unit), (simulated, _) = (shown(values, one.unit) for values in (one.measured, one.simulated))
-        panel.plot(simulated, y, color=COLOURS[0], lw=0.9)
+        (y, simulated), unit = scaled(one.unit, one.measured, one.simulated)
+        panel.plot(simulated, y, color=MODEL)
         panel.axline((float(y.mean()), float(y.mean())), slope=1, color=INK, lw=0.6)
-        dress(panel, heading(f"{one.output} simulated", unit), heading("measured", unit))
+        dress(panel, heading(f"{one.output} simulated", unit), heading("measured", unit), margin=0.03)
 
 
 def _autocorrelation(panel: Any, one: Difference) -> None:
     rho, band = autocorrelation(one.residual, LAGS)
-    lag = float(np.median(np.diff(one.t))) * np.arange(len(rho))
-    panel.axhspan(-band, band, color=PALE, lw=0, label="white noise")
-    panel.plot(lag, rho, color=COLOURS[1], lw=1.0, label="residual")
+    lag, unit = scaled("s", float(np.median(np.diff(one.t))) * np.arange(len(rho)))
+    panel.axhspan(-band, band, label="white noise", **NOISE_BAND)
+    panel.plot(lag[0], rho, color=MODEL, label="residual")
     panel.axhline(0.0, color=INK, lw=0.6)
     panel.set_ylim(-1.05, 1.05)
-    dress(panel, "lag [s]")
+    dress(panel, heading("lag", unit))
 
 
 # ---- models beside each other -------------------------------------------------------------------
 
 
-def plot_comparison(comparison: Comparison, ax: Any = None) -> Any:
+@styled
+def plot_comparison(comparison: Comparison, ax: Any = None, *, width: float | None = None) -> Any:
     """The error of every model, best on top, and loop and residual of the best.
 
-    ``ax`` may be three axes.
+    ``ax`` may be three axes; ``width`` [in] is that of a new figure.
     """
-    figure, panels = sheet(ax, 1, 3, width=15.0, height=4.0, widths=(1.2, 1.0, 1.3))
+    height = max(1.7, 0.5 + 0.11 * len(comparison))
+    figure, panels = sheet(ax, 1, "AA/BC", height=height, width=width, widths=(1.0, 1.4))
     errors, loop, residual = panels[0]
     _errors(errors, comparison)
     best = next(iter(comparison.best.held_out or comparison.best.train or []), None)
@@ -174,43 +182,47 @@ def plot_comparison(comparison: Comparison, ax: Any = None) -> Any:
         part = " (held out)" if comparison.best.held_out else ""
         head(loop, f"{comparison.best.name}: {best.experiment}, {best.output}{part}")
         head(residual, _residual_title(best))
-    _legend(figure, panels[0], own=ax is None)
+    shared_key(figure, panels[0], own=ax is None)
     return figure
 
 
 def _errors(panel: Any, comparison: Comparison) -> None:
     """A dot for each model, and an open one for its error on fitted data."""
     rows = [(row, row.train) for row in comparison if row.train is not None][::-1]
-    k, unit = shown(np.ones(1), comparison.unit)
-    errors = k * np.array([row.figure for row, _ in rows])
+    errors = np.array([row.figure for row, _ in rows])
+    fitted = np.array([train.rms for _, train in rows])
+    (errors, fitted), unit = scaled(comparison.unit, errors, fitted)
     label, places = _error_label([comparison]), range(len(rows))
+    panel.plot(errors, places, "o", color=MODEL, ms=5, label=label)
     if label != "rms":
-        fitted = k * np.array([train.rms for _, train in rows])
-        panel.plot(fitted, places, "D", color=INK, mfc="none", ms=6, label="rms fitted")
-    panel.plot(errors, places, "o", color=COLOURS[0], ms=8, label=label)
+        panel.plot(fitted, places, "D", color=INK, mfc="none", ms=4, mew=0.7, label="rms fitted")
     texts = [f"{error:.3g}" if np.isfinite(error) else "-" for error in errors]
     panel.set_yticks(places, [f"{row.name}  {text}" for (row, _), text in zip(rows, texts, strict=True)])
+    panel.set_ylim(-0.6, len(rows) - 0.4)
     _over_models(panel, unit, label)
 
 
-def plot_each(comparisons: Mapping[str, Comparison], ax: Any = None) -> Any:
+@styled
+def plot_each(comparisons: Mapping[str, Comparison], ax: Any = None, *, width: float | None = None) -> Any:
     """The rms error of each model on every file, fitted to each file separately.
 
     ``comparisons`` has one for each file, by name. Models stand from best to worst over all files, each with a
     mark per file and a line at the root mean square.
     """
     ranked = [(name, rms) for name, rms in overall(comparisons)[::-1] if np.isfinite(rms)]
-    (panel,) = axes(ax, 1, height=1.4 + 0.42 * len(ranked))
-    (k,), unit = shown(np.ones(1), next(iter(comparisons.values())).unit)
+    (panel,) = axes(ax, 1, height=1.0 + 0.24 * len(ranked), width=width)
+    (sizes,), unit = scaled(next(iter(comparisons.values())).unit, [rms for _, rms in ranked])
+    k = float(sizes[-1] / ranked[-1][1]) if ranked and ranked[-1][1] else 1.0
     names = [name for name, _ in ranked]
-    for (file, one), colour, mark in zip(comparisons.items(), cycle(COLOURS), cycle(MARKS), strict=False):
-        known = {row.name: float(k) * row.figure for row in one if np.isfinite(row.figure)}
-        panel.plot(list(known.values()), [names.index(name) for name in known], mark, color=colour, ms=6, label=file)
-    for place, (_, rms) in enumerate(ranked):
-        panel.plot([k * rms] * 2, [place - 0.35, place + 0.35], color=INK, lw=1.6, label="" if place else "all")
-    panel.set_yticks(range(len(names)), [f"{name}  {k * rms:.3g}" for name, rms in ranked])
+    for (file, one), colour, mark in zip(comparisons.items(), cycle(series()), cycle(MARKS), strict=False):
+        known = {row.name: k * row.figure for row in one if np.isfinite(row.figure)}
+        panel.plot(list(known.values()), [names.index(name) for name in known], mark, color=colour, ms=4, label=file)
+    for place, rms in enumerate(sizes):
+        panel.plot([rms] * 2, [place - 0.35, place + 0.35], color=INK, lw=1.4, label="" if place else "all")
+    panel.set_yticks(range(len(names)), [f"{name}  {rms:.3g}" for name, rms in zip(names, sizes, strict=True)])
+    panel.set_ylim(-0.6, len(names) - 0.4)
     _over_models(panel, unit, _error_label(comparisons.values()))
-    panel.legend(**LEGEND)
+    key(panel)
     return panel.figure
 
 
@@ -221,15 +233,14 @@ def _error_label(comparisons: Iterable[Comparison]) -> str:
 
 def _over_models(panel: Any, unit: str, label: str) -> None:
     """Errors on the x axis, logarithmic where the largest is ten times the smallest."""
-    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-
     dress(panel, heading(label, unit or "of the spread"))
     drawn = np.concatenate([np.asarray(line.get_xdata(), dtype=float) for line in panel.lines])
+    drawn = drawn[np.isfinite(drawn)]
+    if not len(drawn):
+        return
     if 0 < 10 * drawn.min() < drawn.max():
         panel.set_xscale("log")
-        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        panel.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        panel.xaxis.set_minor_formatter(NullFormatter())
         panel.margins(x=0.06)
+        decimal(panel.xaxis)
     else:
         panel.set_xlim(0.0, 1.06 * drawn.max() or 1.0)

@@ -1,43 +1,71 @@
-"""What all figures share: colours, panels, units as people read them."""
+"""Panels of figures: where they stand, their names, legends and ticks, and units as people read them."""
 
 from __future__ import annotations
 
-import functools
-import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextvars import ContextVar
+import math
+import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import TsmError
-
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Lines stay apart for colour-blind readers and in print (Okabe and Ito)."""
-INK, PALE = "#222222", "#d9d9d9"
+from tsmblocks.plots.style import NARROW, fix_ticks, is_own, new_figure, width_of
 
 QUANTITY = {"deg": "angle", "deg/s": "speed", "V": "voltage", "s": "time", "N": "force", "A": "current"}
 """Label of an axis shared by several signals of a unit."""
 FEW, MANY = 20.0, 2000.0
 """Ranges of a logarithmic axis: below, more ticks between powers of ten are needed; above, they would be too many."""
-INSIDE: dict[str, Any] = {"frameon": False, "fontsize": 9}
-SMALL: dict[str, Any] = {"frameon": False, "fontsize": 8}
-LEGEND: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), **INSIDE}
-"""Arguments of legends: inside a panel, in a small one, and beside it."""
+LETTER, HANDLE = 0.075, 0.42
+"""Widths of a letter and of a line with its space in a legend [in]. Measured at 8 pt."""
+LINE, PAD = 12.0, 7.0
+"""Height of a line of a legend, and space above it [pt]. Measured at 8 pt."""
+MARGIN = 0.6
+"""Width of a y axis with its numbers and label [in]."""
+ABOVE: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
+"""Place of a legend above a panel."""
+PHASE_TICKS = ((90.0, 15.0), (270.0, 45.0), (720.0, 90.0), (math.inf, 180.0))
+"""Range of a phase [deg] up to which ticks stand so many degrees apart."""
+LOG_RANGE = 10.0
+"""Least ratio of the largest to the smallest value on a logarithmic axis. Chosen: below, a linear one reads as well."""
+
+
+# ---- values as people read them -----------------------------------------------------------------
 
 
 def shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
-    """Return a signal as a figure shows it: angles and their rates in degrees, anything else as it is."""
+    """Return a signal as tables show it: angles and their rates in degrees, anything else as it is."""
     k, wanted = units.display_unit(unit)
     return (values if wanted == unit else k * values), wanted
 
 
-def axes(ax: Any, count: int, *, height: float, width: float = 8.0) -> list[Any]:
+def scaled(unit: str, *signals: Any) -> tuple[list[np.ndarray], str]:
+    """Return signals of one unit as an axis shows them: angles in degrees, small or large ones with a prefix (mV)."""
+    arrays = [np.asarray(values, dtype=float) for values in signals]
+    size = max((float(np.abs(v[np.isfinite(v)]).max(initial=0.0)) for v in arrays), default=0.0)
+    k, label = units.axis_unit(unit, size)
+    return [k * v if k != 1.0 else v for v in arrays], label
+
+
+def in_time(t: np.ndarray) -> tuple[np.ndarray, str]:
+    """Return instants in s as an axis shows them, and the label of the axis."""
+    (t,), unit = scaled("s", t)
+    return t, units.heading("t", unit)
+
+
+# ---- where panels stand -------------------------------------------------------------------------
+
+
+def axes(ax: Any, count: int, *, height: float, width: float | None = None) -> list[Any]:
     """Return the axes to draw on: those given, or ``count`` panels of a new figure over one time axis."""
     if ax is not None:
         return _given(ax, count)
-    return list(_figure((width, height * count)).subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+    figure = new_figure(width_of(width), height * count)
+    panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+    for panel in panels:
+        fix_ticks(panel)
+    return panels
 
 
 def _given(ax: Any, count: int) -> list[Any]:
@@ -48,82 +76,124 @@ def _given(ax: Any, count: int) -> list[Any]:
 
 
 def sheet(
-    ax: Any, rows: int, columns: int, *, width: float, height: float, widths: Sequence[float] | None = None
+    ax: Any, rows: int, layout: str, *, height: float, width: float | None = None, widths: Sequence[float] | None = None
 ) -> tuple[Any, Any]:
-    """``rows`` by ``columns`` panels: the axes given, row by row, or those of a new figure; figure and panels.
+    """Panels of several ``rows``, each arranged as ``layout``: the axes given, or those of a new figure.
 
-    ``widths`` are those of the columns of a new figure, relative to each other. Raises TsmError for another number
-    of axes.
+    Parameters
+    ----------
+    ax : axes or None
+        As many as the layout has letters, in their order, for each row.
+    rows : int
+        How often the layout is repeated.
+    layout : str
+        Letters of the panels by their place, such as ``"AC/BD"``; A is the first. In a figure narrower than
+        ``NARROW`` they stand below each other.
+    height : float
+        Height of one line of panels [in].
+    width : float, optional
+        Width of the figure [in].
+    widths : sequence of float, optional
+        Widths of the columns, relative to each other.
+
+    Returns
+    -------
+    tuple of Figure and ndarray
+        The figure, and its panels, a row each.
     """
+    letters = sorted(set(layout) - {"/"})
     if ax is not None:
-        given = _given(ax, rows * columns)
-        return given[0].figure, np.array(given, dtype=object).reshape(rows, columns)
-    figure = _figure((width, height * rows))
-    return figure, figure.subplots(rows, columns, squeeze=False, width_ratios=widths)
+        given = _given(ax, rows * len(letters))
+        return given[0].figure, np.array(given, dtype=object).reshape(rows, len(letters))
+    wide = width_of(width)
+    lines = layout.split("/") if wide >= NARROW else letters
+    figure = new_figure(wide, height * len(lines) * rows)
+    spec = figure.add_gridspec(rows * len(lines), len(lines[0]), width_ratios=widths if wide >= NARROW else None)
+    panels = np.empty((rows, len(letters)), dtype=object)
+    for row in range(rows):
+        for k, letter in enumerate(letters):
+            down = [row * len(lines) + j for j, line in enumerate(lines) if letter in line]
+            across = [j for line in lines for j, one in enumerate(line) if one == letter]
+            place = spec[min(down) : max(down) + 1, min(across) : max(across) + 1]
+            panels[row, k] = figure.add_subplot(place)
+            fix_ticks(panels[row, k])
+    return figure, panels
 
 
-def need_matplotlib() -> None:
-    """Raise TsmError, with the way out, where figures cannot be drawn; before long work rather than after it."""
-    try:
-        import matplotlib.figure  # noqa: F401
-    except ImportError:
-        raise TsmError('Plots need matplotlib: pip install "tsmblocks[plots]"') from None
+# ---- names, legends, ticks ----------------------------------------------------------------------
 
 
-_OF_A_SCRIPT: ContextVar[bool] = ContextVar("of_a_script", default=False)
-"""Whether figures are made by ``value.plot()``, so that ``plt.show()`` must find them."""
-
-
-def usual(make: Callable[..., Any]) -> Callable[..., Any]:
-    """The function of ``value.plot()``: figures that it makes are pyplot's, which a script can show."""
-
-    @functools.wraps(make)
-    def made(*args: Any, **options: Any) -> Any:
-        token = _OF_A_SCRIPT.set(True)
-        try:
-            return make(*args, **options)
-        finally:
-            _OF_A_SCRIPT.reset(token)
-
-    return made
-
-
-def _figure(size: tuple[float, float]) -> Any:
-    need_matplotlib()
-    from matplotlib.figure import Figure
-
-    made = {"figsize": size, "layout": "constrained"}
-    if "matplotlib.pyplot" in sys.modules:  # someone works with pyplot: plt.show() must find this figure
-        return sys.modules["matplotlib.pyplot"].figure(**made)
-    if _OF_A_SCRIPT.get() and "ipykernel" not in sys.modules:  # a notebook shows a figure that is returned
-        try:
-            import matplotlib.pyplot as plt
-
-            return plt.figure(**made)  # type: ignore[arg-type]
-        except ImportError:  # the backend that is set needs a screen, and there is none
-            return Figure(**made)  # type: ignore[arg-type]
-    return Figure(**made)  # type: ignore[arg-type]
-
-
-def dress(
-    panel: Any, xlabel: str = "", ylabel: str = "", *, legend: Mapping[str, Any] | None = None, margin: float = 0.01
-) -> None:
-    """Name the axes of a panel, give it its grid, without a frame, and a legend with these arguments if there are."""
+def dress(panel: Any, xlabel: str = "", ylabel: str = "", *, margin: float = 0.01) -> None:
+    """Name the axes of a panel, and leave that share of its width free beside the data."""
     if xlabel:
         panel.set_xlabel(xlabel)
     if ylabel:
         panel.set_ylabel(ylabel)
-    panel.spines[["top", "right"]].set_visible(False)
-    panel.grid(color=PALE, lw=0.5)
-    panel.set_axisbelow(True)
     panel.margins(x=margin)
-    if legend is not None:
-        panel.legend(**legend)
 
 
-def head(panel: Any, text: str, size: float = 10, *, weight: str = "normal") -> None:
-    """Write a title above the left end of a panel."""
-    panel.set_title(text, loc="left", fontsize=size, fontweight=weight)
+def key(panel: Any, title: str = "", *, over: str = "") -> None:
+    """A legend of what has a label, in as many columns as fit: above a panel of a figure made here, else inside.
+
+    ``title`` is that of the legend, and ``over`` a title of the panel that stands over both.
+    """
+    labels = [label for label in panel.get_legend_handles_labels()[1] if label]
+    lines = 0
+    if labels and is_own(panel):
+        columns = columns_of(labels, _share(panel) * panel.figure.get_figwidth() - MARGIN)
+        lines = math.ceil(len(labels) / columns) + bool(title)
+        panel.legend(**ABOVE, ncols=columns, title=title or None, alignment="left")
+    elif labels:
+        panel.legend(title=title or None)
+    if over:
+        head(panel, over, lines=lines)
+
+
+def shared_key(figure: Any, panels: Any, *, own: bool) -> None:
+    """One legend below all panels, each label once; on a figure of the caller one in each panel."""
+    named: dict[str, Any] = {}
+    for panel in panels:
+        handles, labels = panel.get_legend_handles_labels()
+        for handle, label in zip(handles, labels, strict=True):
+            named.setdefault(label, handle)
+        if not own:
+            key(panel)
+    if own:
+        columns = columns_of(list(named), figure.get_figwidth() - 0.2)
+        figure.legend(named.values(), named.keys(), ncols=columns, loc="outside lower left")
+
+
+def _share(panel: Any) -> float:
+    """The share of the figure's width that a panel has."""
+    place = panel.get_subplotspec()
+    grid = place.get_gridspec()
+    ratios = np.array(grid.get_width_ratios(), dtype=float)
+    return float(ratios[place.colspan.start : place.colspan.stop].sum() / ratios.sum())
+
+
+def columns_of(labels: Sequence[str], room: float) -> int:
+    """Columns of a legend that is no wider than ``room`` [in]; matplotlib fills one column after the other."""
+    for columns in range(len(labels), 1, -1):
+        parts = np.array_split([LETTER * len(label) + HANDLE for label in labels], columns)
+        if sum(float(part.max()) for part in parts) <= room:
+            return columns
+    return 1
+
+
+def head(panel: Any, text: str, *, weight: str = "normal", lines: int = 0) -> None:
+    """Write a title above the left end of a panel, and above so many lines of a legend."""
+    panel.set_title(text, loc="left", fontweight=weight, pad=LINE * lines + PAD if lines else None)
+
+
+def entitle(figure: Any, text: str) -> None:
+    """Write the title of a figure of our own above its left end."""
+    if text:
+        figure.suptitle(folded(text, figure.get_figwidth()), x=0.01, ha="left")
+
+
+def folded(text: str, room: float) -> str:
+    """A text in lines that are no wider than ``room`` [in]."""
+    return textwrap.fill(text, max(int(room / LETTER), 1), break_on_hyphens=False)
 
 
 def decimal(axis: Any) -> None:
@@ -135,10 +205,33 @@ def decimal(axis: Any) -> None:
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0) if high / low > FEW else (2.0, 3.0, 4.0, 5.0, 7.0)))
         axis.set_minor_formatter("{x:g}")
         axis.set_major_formatter("{x:g}")
+        axis.set_tick_params(which="minor", labelsize=axis.get_tick_params("major").get("labelsize"))
 
 
-def timed(panels: list[Any], title: str) -> None:
-    """Name the time axis under the last panel, and the figure above the first."""
-    panels[-1].set_xlabel("t [s]")
-    if title:
-        head(panels[0], title, 11)
+def phase_ticks(panel: Any) -> None:
+    """A y axis of degrees from one multiple of 45 to another, with ticks at these, or at a part where it is short."""
+    from matplotlib.ticker import MultipleLocator
+
+    low, high = sorted(panel.get_ylim())
+    low, high = 45.0 * math.floor(low / 45.0), 45.0 * math.ceil(high / 45.0)
+    panel.set_ylim(low, high)
+    panel.yaxis.set_major_locator(MultipleLocator(next(step for most, step in PHASE_TICKS if high - low <= most)))
+
+
+def log_spaced(values: np.ndarray) -> bool:
+    """Whether values are spread more evenly in their logarithm: those of a plan with ``scale = "log"``."""
+    values = values[np.isfinite(values)]
+    if not len(values) or values.min() <= 0 or values.max() < LOG_RANGE * values.min():
+        return False
+    evenness = []
+    for v in (np.unique(values), np.log(np.unique(values))):
+        place = (v - v[0]) / (v[-1] - v[0])
+        evenness.append(float(np.abs(place - np.linspace(0.0, 1.0, len(v))).max()))
+    return evenness[1] < evenness[0]
+
+
+def scale_as(panel: Any, values: np.ndarray, direction: str = "x") -> None:
+    """A logarithmic axis where its values are spread that way."""
+    if log_spaced(values):
+        getattr(panel, f"set_{direction}scale")("log")
+        decimal(getattr(panel, f"{direction}axis"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import cycle
 from typing import Any
 
@@ -13,52 +13,80 @@ from tsmblocks.common.errors import TsmError
 from tsmblocks.data import Record, heading
 from tsmblocks.metrics.metrics import expression_samples
 from tsmblocks.metrics.tracking import tracking_error
-from tsmblocks.plots.panels import COLOURS, INK, LEGEND, PALE, QUANTITY, axes, dress, shown, timed
+from tsmblocks.plots.panels import QUANTITY, axes, dress, entitle, head, in_time, key, scaled, shown
+from tsmblocks.plots.style import INK, MEASURED, MODEL, NARROW, series, styled, width_of
 from tsmblocks.simulation.run import Run
 
 ROUNDED = 1e-5
 """Difference, as a share of a signal's size, below which it is that of the digits that a baseline keeps."""
+DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
+"""Dashes of signals beyond the number of colours."""
 
 
-def plot_run(run: Run, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None) -> Any:
+@styled
+def plot_run(
+    run: Run, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None, width: float | None = None
+) -> Any:
     """Signals of a run over time in s, the diagram's outputs unless named; ``"x_ref - x_out"`` is a signal too.
 
     Signals of one unit share a panel; all are drawn on ``ax`` where that is one, else it holds one for each unit. With
-    ``after`` [s], what comes before is left out. Raises RunError for an unknown name,
-    ParameterError for a faulty expression.
+    ``after`` [s], what comes before is left out; ``width`` [in] is that of a new figure. Raises RunError for an
+    unknown name, ParameterError for a faulty expression.
     """
-    return _over_time(run, run.title, "run", list(names) or list(run.aliases) or run.keys(), ax, after)
+    return _over_time(run, run.title, "run", list(names) or list(run.aliases) or run.keys(), ax, after, width)
 
 
-def plot_record(record: Record, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None) -> Any:
+@styled
+def plot_record(
+    record: Record, names: Iterable[str] = (), ax: Any = None, *, after: float | None = None, width: float | None = None
+) -> Any:
     """Signals of a recording over time in s, all unless named, as plot_run draws them."""
-    return _over_time(record, record.name, "recording", list(names) or list(record), ax, after)
+    return _over_time(record, record.name, "recording", list(names) or list(record), ax, after, width)
 
 
-def _over_time(run: Run | Record, title: str, what: str, chosen: list[str], ax: Any, after: float | None) -> Any:
+def _over_time(
+    run: Run | Record, title: str, what: str, chosen: list[str], ax: Any, after: float | None, width: float | None
+) -> Any:
     kept = run.t >= (run.t[0] if after is None else as_number("after", after))
     if kept.sum() < 2:
         raise TsmError(f"after={after:g} s leaves nothing of the {what}, which ends at {run.t[-1]:g} s.")
     groups: dict[str, list[tuple[str, np.ndarray]]] = {}
     for name in chosen:
         values, unit = shown(*expression_samples(run, name))
-        groups.setdefault(unit, []).append((name, values))
+        groups.setdefault(unit, []).append((name, values[kept]))
     one = hasattr(ax, "plot")
-    panels = [ax] * len(groups) if one else axes(ax, len(groups), height=2.4)
-    colours = cycle(COLOURS)
+    height = 1.75 if len(groups) > 1 else 2.2
+    panels = [ax] * len(groups) if one else axes(ax, len(groups), height=height, width=width)
+    t, t_label = in_time(run.t[kept])
+    looks, labels = _looks(), list[str]()
     for panel, (unit, lines) in zip(panels, groups.items(), strict=True):
-        for name, values in lines:
-            panel.plot(run.t[kept], values[kept], color=next(colours), lw=1.4, label=name)
-        alone = lines[0][0] if len(lines) == 1 else ""
-        label = heading(alone or QUANTITY.get(unit, ""), unit).strip()
-        dress(panel, ylabel=label, legend=LEGEND if len(lines) > 1 else None)
+        curves, prefixed = scaled(unit, *(values for _, values in lines))
+        for (name, _), curve in zip(lines, curves, strict=True):
+            panel.plot(t, curve, label=name, **next(looks))
+        alone = len(lines) == 1 and not (one and len(groups) > 1)
+        labels.append(heading(lines[0][0] if alone else QUANTITY.get(unit, ""), prefixed).strip())
+        dress(panel, ylabel=labels[-1])
+        if not alone:
+            key(panel)
     if one and len(groups) > 1:
-        label = ", ".join(heading(QUANTITY.get(u, ""), u).strip() for u in groups if u)
-        dress(panels[0], ylabel=label, legend=LEGEND)
-    timed(panels, title if ax is None else "")
+        dress(ax, ylabel=", ".join(filter(None, labels)))
+    return _timed(panels, t_label, title if ax is None else "")
+
+
+def _looks() -> Iterator[dict[str, Any]]:
+    """Colours, and dashes once they are used up."""
+    colours = series()
+    return ({"color": colour, "ls": dash} for dash in cycle(DASHES) for colour in colours)
+
+
+def _timed(panels: Sequence[Any], label: str, title: str) -> Any:
+    """Name the time axis under the last panel, and a figure of our own; the figure."""
+    panels[-1].set_xlabel(label)
+    entitle(panels[0].figure, title)
     return panels[0].figure
 
 
+@styled
 def plot_tracking(
     runs: Mapping[str, Run],
     ax: Sequence[Any] | None = None,
@@ -67,6 +95,7 @@ def plot_tracking(
     after: float | None = None,
     reference: str = "x_ref",
     output: str = "x_out",
+    width: float | None = None,
 ) -> Any:
     """Draw reference and outputs of several runs over time, by label, and below them the errors.
 
@@ -75,43 +104,48 @@ def plot_tracking(
     """
     if not runs:
         raise TsmError("plot_tracking needs at least one run.")
-    above, below = axes(ax, 2, height=2.9)
-    for k, (label, run) in enumerate(runs.items()):
-        colour = COLOURS[k % len(COLOURS)]
+    panels = axes(ax, 2, height=2.1, width=width)
+    unit, t_label = "", ""
+    for k, ((label, run), look) in enumerate(zip(runs.items(), _looks(), strict=False)):
         kept = run.t >= (run.t[0] if after is None else after)
         late = (run.t[0] + run.t[-1]) / 2 if after is None else after
-        t = run.t[kept]
+        t, t_label = in_time(run.t[kept])
         (wanted, unit), (reached, _) = (shown(run[name][kept], run.unit(reference)) for name in (reference, output))
         if k == 0:
-            above.plot(t, wanted, color=INK, lw=1.2, ls=(0, (4, 2)), label="reference")
-        error = tracking_error(wanted, reached, t=t, unit=unit, after=late)
-        above.plot(t, reached, color=colour, lw=1.4, label=label)
-        below.plot(t, wanted - reached, color=colour, lw=1.2, label=f"{error.peak_to_peak:.3g} {unit}".strip())
-    below.axhline(0.0, color=INK, lw=0.6)
-    dress(above, ylabel=heading(QUANTITY.get(unit, output), unit), legend=LEGEND)
-    dress(below, ylabel=heading("error", unit), legend={"title": "peak to peak", **LEGEND})
-    timed([above, below], title)
-    return above.figure
+            panels[0].plot(t, wanted, color=INK, ls=(0, (4, 2)), label="reference")
+        error = tracking_error(wanted, reached, t=run.t[kept], unit=unit, after=late)
+        panels[0].plot(t, reached, label=label, **look)
+        panels[1].plot(t, wanted - reached, label=f"{label}: {error.peak_to_peak:.3g} {unit}".strip(), **look)
+    panels[1].axhline(0.0, color=INK, lw=0.6)
+    dress(panels[0], ylabel=heading(QUANTITY.get(unit, output), unit))
+    dress(panels[1], ylabel=heading("error", unit))
+    key(panels[0])
+    key(panels[1], title="peak-to-peak error")
+    if ax is not None and title:
+        head(panels[0], title)
+    return _timed(panels, t_label, title if ax is None else "")
 
 
-def plot_tracking_changes(before: Any, now: Any, title: str, ax: Any = None) -> Any:
+@styled
+def plot_tracking_changes(before: Any, now: Any, title: str, ax: Any = None, *, width: float | None = None) -> Any:
     """Signals that differ between a baseline and a new run, over time, each with its difference below.
 
     ``before`` and ``now`` have ``t`` [s], ``signals`` and ``signal_units``.
     """
     both = [name for name in now.signals if name in before.signals]
     names = [name for name in both if _differs(before, now, name)] or both
-    panels = axes(ax, 2 * len(names), height=1.7)
+    panels = axes(ax, 2 * len(names), height=1.4, width=width)
+    t, t_label = in_time(now.t)
     for name, above, below in zip(names, panels[::2], panels[1::2], strict=True):
-        old, unit = shown(np.interp(now.t, before.t, before.signals[name]), now.signal_units[name])
-        new, _ = shown(now.signals[name], now.signal_units[name])
-        above.plot(now.t, old, color=PALE, lw=3.0, label="baseline")
-        above.plot(now.t, new, color=COLOURS[0], lw=1.2, label="now")
-        dress(above, ylabel=heading(name, unit), legend=LEGEND)
-        below.plot(now.t, new - old, color=COLOURS[1], lw=1.2)
-        dress(below, ylabel="moved by")
-    timed(panels, title)
-    return panels[0].figure
+        old = np.interp(now.t, before.t, before.signals[name])
+        (old, new), unit = scaled(now.signal_units[name], old, now.signals[name])
+        above.plot(t, old, color=MEASURED, lw=2.5, label="baseline")
+        above.plot(t, new, color=MODEL, label="now")
+        dress(above, ylabel=heading(name, unit))
+        key(above)
+        below.plot(t, new - old, color=MODEL)
+        dress(below, ylabel=heading("change", unit))
+    return _timed(panels, t_label, title if ax is None else "")
 
 
 def _differs(before: Any, now: Any, name: str) -> bool:
@@ -119,12 +153,23 @@ def _differs(before: Any, now: Any, name: str) -> bool:
     return not np.allclose(now.signals[name], old, rtol=0.0, atol=ROUNDED * float(np.abs(old).max(initial=1e-12)))
 
 
+@styled
 def plot_loop(
-    x: Any, y: Any, ax: Any = None, *, unit: str = "rad", label: str = "", names: tuple[str, str] = ("x_in", "x_out")
+    x: Any,
+    y: Any,
+    ax: Any = None,
+    *,
+    unit: str = "rad",
+    label: str = "",
+    names: tuple[str, str] = ("x_in", "x_out"),
+    width: float | None = None,
 ) -> Any:
     """One signal over another, both in ``unit``: the loop of a hysteresis."""
-    (panel,) = axes(ax, 1, height=4.6, width=6.6)
-    (across, label_unit), (up, _) = (shown(np.asarray(v, dtype=float), unit) for v in (x, y))
-    panel.plot(across, up, lw=1.4, label=label or None, color=COLOURS[len(panel.lines) % len(COLOURS)])
-    dress(panel, *(heading(name, label_unit) for name in names), legend=LEGEND if label else None)
+    wide = min(width_of(width), NARROW)
+    (panel,) = axes(ax, 1, height=0.7 * wide, width=wide)
+    (across, up), label_unit = scaled(unit, x, y)
+    colours = series()
+    panel.plot(across, up, label=label or None, color=colours[len(panel.lines) % len(colours)])
+    dress(panel, *(heading(name, label_unit) for name in names), margin=0.03)
+    key(panel)
     return panel.figure

@@ -87,7 +87,7 @@ class Responses:
     def _repr_html_(self) -> str:
         return view("html", self)
 
-    def plot(self, signal: str, ax: Any = None, *, reference: str | None = None) -> Any:
+    def plot(self, signal: str, ax: Any = None, *, reference: str | None = None, width: float | None = None) -> Any:
         """Plot the median and bands of a signal over the runs. Needs matplotlib; raises RunError for an unknown signal.
 
         Parameters
@@ -98,13 +98,15 @@ class Responses:
             Axes to draw into, by default those of a new figure.
         reference : str or None, default None
             Signal drawn beside it.
+        width : float or None, default None
+            Width of a new figure [in]; 7 by default, which is both columns of a paper. One column is 3.4.
 
         Returns
         -------
         matplotlib.figure.Figure
             The figure.
         """
-        return view("plot", self, signal=signal, ax=ax, reference=reference)
+        return view("plot", self, signal=signal, ax=ax, reference=reference, width=width)
 
 
 def responses(

@@ -13,8 +13,8 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, RunError, near
 from tsmblocks.common.frames import dataset, frame
-from tsmblocks.common.tables import WIDTH, few
 from tsmblocks.common.tables import columns as in_columns
+from tsmblocks.common.tables import few, line_width
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import view
 from tsmblocks.metrics.metrics import named
@@ -278,7 +278,7 @@ class Results:
             },
         }
 
-    def plot(self, *metrics: str, ax: Any = None) -> Any:
+    def plot(self, *metrics: str, ax: Any = None, width: float | None = None) -> Any:
         """Plot the results by plan: a heat map of a grid of two, a tornado of a sweep, distributions of random runs.
 
         Parameters
@@ -287,13 +287,15 @@ class Results:
             The metrics, by default all.
         ax : matplotlib.axes.Axes or None, default None
             Axes to draw into, by default those of a new figure.
+        width : float or None, default None
+            Width of a new figure [in]; 7 by default, which is both columns of a paper. One column is 3.4.
 
         Returns
         -------
         matplotlib.figure.Figure
             The figure. Needs matplotlib.
         """
-        return view("plot", self, metrics=metrics, ax=ax)
+        return view("plot", self, metrics=metrics, ax=ax, width=width)
 
     def _repr_html_(self) -> str:
         return view("html", self)
@@ -301,7 +303,7 @@ class Results:
     def __str__(self) -> str:
         done = f"{len(self)} of " if len(self) < self.count else ""
         done += f"{self.count} run{'s' if self.count > 1 else ''}"
-        lines = textwrap.wrap(f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}", WIDTH)
+        lines = textwrap.wrap(f"{self.title}: {self.kind}, {done} over {', '.join(self.parameters)}", line_width())
         count = int(self.failed.sum())
         if count:
             have = "runs have" if count > 1 else "run has"

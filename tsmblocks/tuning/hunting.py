@@ -14,6 +14,7 @@ from tsmblocks.simulation.simulate import simulate
 from tsmblocks.simulation.stability import no_step_warnings
 from tsmblocks.studies import study, table
 from tsmblocks.studies.study import signal_units
+from tsmblocks.tuning.result import Oscillation
 from tsmblocks.tuning.search import Search
 
 HUNTING_RATIO = 3.0
@@ -41,8 +42,10 @@ class _Variation:
         return self.after / max(self.before, 1e-9 * self.after, 1e-300)
 
 
-def hunting(search: Search, own: Mapping[str, float], values: Mapping[str, float]) -> list[str]:
-    """A warning where a signal hunts with ``values``, compared with the diagrams' ``own``; empty where none does.
+def hunting(
+    search: Search, own: Mapping[str, float], values: Mapping[str, float]
+) -> tuple[tuple[str, ...], Oscillation | None]:
+    """A warning where a signal hunts with ``values``, compared with the diagrams' ``own``, and the signal.
 
     A signal hunts where its total variation, and its passes through its range, grow by ``HUNTING_RATIO`` (the passes
     compared with its own or those of the goal's signals before). Signals that the search watches are checked first,
@@ -57,9 +60,9 @@ def hunting(search: Search, own: Mapping[str, float], values: Mapping[str, float
         signals = _hunting_signals(variations, search.goal, names)
         if signals:
             most = LIMIT_ALLOWANCE * max(one.before for one in variations if one.name == signals[0].name)
-            frequency = _swing_frequency(search, signals[0], values)
-            return [_message(signals, most, frequency, _window(search.goal), units)]
-    return []
+            found = _oscillation(search, signals[0], own, values, units.get(signals[0].name, ""))
+            return (_message(signals, most, found.frequency, _window(search.goal), units),), found
+    return (), None
 
 
 def _variations(
@@ -117,14 +120,24 @@ def _window(goal: Metric) -> str:
     return "".join(f", {k}={v:.12g}" for k, v in limits.items() if np.isfinite(v))
 
 
-def _swing_frequency(search: Search, one: _Variation, values: Mapping[str, float]) -> float | None:
+def _oscillation(
+    search: Search, one: _Variation, own: Mapping[str, float], values: Mapping[str, float], unit: str
+) -> Oscillation:
+    """A signal that hunts, with both sets of parameters, over the time of the goal."""
+    with no_step_warnings():
+        before, after = (
+            simulate(search.cases[one.case].with_parameters(chosen), **search.options.arguments)
+            for chosen in (own, values)
+        )
+    part = search.goal.parts[0]
+    inside = (after.t >= part.after - 1e-9) & (after.t <= part.before + 1e-9)
+    t, y = after.t[inside], after[one.name][inside]
+    return Oscillation(one.name, one.case, unit, t, before[one.name][inside], y, _swing_frequency(t, y))
+
+
+def _swing_frequency(t: np.ndarray, y: np.ndarray) -> float | None:
     """The median frequency of the swings of a signal in Hz; None for fewer than five peaks."""
     from scipy.signal import find_peaks
 
-    with no_step_warnings():
-        run = simulate(search.cases[one.case].with_parameters(values), **search.options.arguments)
-    part = search.goal.parts[0]
-    inside = (run.t >= part.after - 1e-9) & (run.t <= part.before + 1e-9)
-    t, y = run.t[inside], run[one.name][inside]
     tops, _ = find_peaks(y, prominence=SWING_SHARE * float(np.ptp(y)))
     return float(1.0 / np.median(np.diff(t[tops]))) if len(tops) > 4 else None

@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import attrs
+import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.frames import frame, optional_library
-from tsmblocks.common.tables import WIDTH, columns, few
+from tsmblocks.common.tables import columns, few, line_width
 from tsmblocks.common.views import view
 from tsmblocks.data import heading
 from tsmblocks.metrics.metrics import named
@@ -21,6 +22,29 @@ BOUND_TOLERANCE = 1e-6
 """Distance from a bound, as a share of the range, that counts as at the bound. Chosen."""
 MOST_CASES = 12
 """Cases in a printed table, at most: those where the objective is largest. Chosen."""
+
+
+@attrs.frozen(eq=False)
+class Oscillation:
+    """A signal that oscillates far more than before, in the case where it does so most.
+
+    Parameters
+    ----------
+    name, case, unit : str
+        The signal, the case, and the unit of the signal.
+    t, before, tuned : ndarray, shape (n,)
+        Instants [s], and the signal with the diagrams' own parameters and with the tuned ones.
+    frequency : float or None
+        Frequency of its swings [Hz]; None for fewer than five.
+    """
+
+    name: str
+    case: str
+    unit: str
+    t: np.ndarray = attrs.field(repr=False)
+    before: np.ndarray = attrs.field(repr=False)
+    tuned: np.ndarray = attrs.field(repr=False)
+    frequency: float | None = None
 
 
 @attrs.frozen(eq=False)
@@ -53,6 +77,8 @@ class Tuned:
         Number of searches, and of those that ended about as low as the best.
     idle, hunting : tuple of str, optional
         Parameters without effect, and texts on signals that oscillate far more than before.
+    oscillation : Oscillation or None, default None
+        The signal among them that grew most.
     """
 
     values: Mapping[str, float]
@@ -70,6 +96,7 @@ class Tuned:
     agreeing: int
     idle: tuple[str, ...] = ()
     hunting: tuple[str, ...] = ()
+    oscillation: Oscillation | None = attrs.field(repr=False, default=None)
 
     @property
     def diagram(self) -> Diagram:
@@ -188,8 +215,8 @@ class Tuned:
             {name: [sides[side][case][name] for case, side in rows] for name in names}, index, units=self.units
         )
 
-    def plot(self, *metrics: str, ax: Any = None) -> Any:
-        """Plot metrics of each case, before and tuned.
+    def plot(self, *metrics: str, ax: Any = None, width: float | None = None) -> Any:
+        """Plot metrics of each case, before and tuned, and a signal that oscillates far more than before.
 
         Parameters
         ----------
@@ -197,13 +224,15 @@ class Tuned:
             The metrics; all unless given.
         ax : matplotlib.axes.Axes, optional
             Where to draw a single metric. By default in a new figure.
+        width : float or None, default None
+            Width of a new figure [in]; 7 by default, which is both columns of a paper. One column is 3.4.
 
         Returns
         -------
         matplotlib.figure.Figure
             The figure. Needs matplotlib.
         """
-        return view("plot", self, metrics=metrics, ax=ax)
+        return view("plot", self, metrics=metrics, ax=ax, width=width)
 
     def __repr__(self) -> str:
         values = few(f"{k} {v:.4g}" for k, v in self.values.items())
@@ -217,7 +246,7 @@ class Tuned:
     def __str__(self) -> str:
         cases = f", the worst of {len(self.after)} cases" if len(self.after) > 1 else ""
         agree = f"; {self.agreeing} of {self.starts} starts ended there" if self.starts > 1 else ""
-        head = textwrap.fill(f"{self._change}{cases}{agree}", WIDTH)
+        head = textwrap.fill(f"{self._change}{cases}{agree}", line_width())
         numbers: list[Sequence[str]] = [("parameter", "before", "tuned", "from", "to", "")]
         at = self.at_bounds
         for name, value in self.values.items():
@@ -225,7 +254,7 @@ class Tuned:
             numbers.append((name, *shown, f"at its {at[name]} bound" if name in at else ""))
         parts = [head, columns(numbers, left=(0, 5)), columns(self._measured())]
         if self.remarks:
-            parts.append("\n".join(["beware:", *(_FILL.fill(text) for text in self.remarks)]))
+            parts.append("\n".join(["beware:", *map(_bullet, self.remarks)]))
         return "\n\n".join(parts)
 
     def _shown(self, name: str, value: float) -> str:
@@ -247,6 +276,8 @@ class Tuned:
         return rows
 
 
-_FILL = textwrap.TextWrapper(
-    WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-)
+def _bullet(text: str) -> str:
+    """A sentence in lines that fit a terminal, after a dash."""
+    fold = textwrap.TextWrapper(line_width(), initial_indent="- ", subsequent_indent="  ", break_long_words=False)
+    fold.break_on_hyphens = False
+    return fold.fill(text)

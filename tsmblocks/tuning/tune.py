@@ -140,6 +140,7 @@ def tune(
     if not np.isfinite(measured.goal[best]):
         raise RunError("no set of parameters was found with which every case runs to its end.")
     values = dict(measured.sets[best])
+    texts, oscillation = ((), None) if values == own else hunting(search, own, values)
     return Tuned(
         values=values,
         diagrams={name: d.with_parameters(values) for name, d in named.items()},
@@ -155,7 +156,8 @@ def tune(
         starts=len(ends),
         agreeing=measured.agreeing(ends, best),
         idle=tuple(search.idle(values)),
-        hunting=() if values == own else tuple(hunting(search, own, values)),
+        hunting=texts,
+        oscillation=oscillation,
     )
 
 
