@@ -119,9 +119,9 @@ def test_a_fit_shows_the_printed_numbers_with_intervals(things):
 
 def test_a_diagnosis_shows_verdict_effect_and_gap(things):
     text = words(things["diagnosis"]._repr_html_())
-    assert "Found." in text
+    assert "Named." in text
     assert "backlash" in text
-    assert "half_width" in text
+    assert "gap width" in text
     assert "noise 0.115" in text
 
 
