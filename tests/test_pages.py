@@ -84,7 +84,7 @@ def test_a_drawing_says_how_wide_it_is_so_that_a_narrow_screen_can_hint_at_more(
 
 
 def test_arrows_and_signs_stay_with_what_they_belong_to():
-    assert sentence("tsm.y -> x_out by 3 ± 1 %") == "tsm.y&nbsp;→ x_out by 3&nbsp;±&nbsp;1&nbsp;%"
+    assert sentence("tsm.y -> x_out by 3 ± 1 %") == "tsm.y&nbsp;→&nbsp;x_out by 3&nbsp;±&nbsp;1&nbsp;%"
 
 
 # ---- colours

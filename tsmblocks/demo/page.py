@@ -162,7 +162,7 @@ def _paper(cases: Sequence[Case]) -> dict[str, Any]:
         _loop_chart(runs, "x_in", f"the loop for {sine.words}"),
     )
     return {
-        "names": (f"{FLUSH_LEFT}signal", *DIAGRAMS.values(), "the paper measured"),
+        "names": (f"{FLUSH_LEFT}signal", *map(_parted, DIAGRAMS.values()), "the paper measured"),
         "rows": paper.compared(cases),
         "why": paper.WHY,
         "drawn": to_svg(load("fig16_feedforward_feedback")),
@@ -171,6 +171,11 @@ def _paper(cases: Sequence[Case]) -> dict[str, Any]:
             part("figure", loops, f"The tip over the motor for {sine.words}", colours),
         ),
     }
+
+
+def _parted(words: str) -> str:
+    """A name whose long words may be parted where a column is narrow, as on a phone."""
+    return words.replace("sation", "\u00adsation").replace("feedf", "feed\u00adf")
 
 
 def best(story: Story, on: str) -> Tracked:

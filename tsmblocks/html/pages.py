@@ -63,14 +63,14 @@ def style(name: str) -> Markup:
 
 
 def sentence(words: str) -> Markup:
-    """A sentence as HTML; a number and its percent sign stay together, as do an arrow and what is before it."""
+    """A sentence as HTML; a number and its percent sign stay together, as do both ends of an arrow."""
     if isinstance(words, Markup):
         return words
     kept = (
         str(escape(without_controls(words)))
         .replace(" %", "&nbsp;%")
         .replace(" ± ", "&nbsp;±&nbsp;")
-        .replace(" -&gt;", "&nbsp;→")
+        .replace(" -&gt; ", "&nbsp;→&nbsp;")
     )
     return Markup(kept)
 
