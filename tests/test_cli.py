@@ -259,9 +259,14 @@ def test_ctrl_c_in_the_demo_leaves_what_was_done(tsm, here, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(PAPER, "simulate", once)
+    monkeypatch.setattr("tsmblocks.demo.story.build_story", lambda *_: None)
+    monkeypatch.setattr("tsmblocks.demo.text.story_text", lambda _: "the story")
+    monkeypatch.setattr("tsmblocks.cli.demo._write_story", lambda *_: {})
     status, out, err = tsm("demo", "--out", "d")
     assert (status, "stopped early" in err) == (130, True)
+    assert out.startswith("the story")
     assert "55 deg at 0.2 Hz" in out
+    assert not (here / "d/index.html").exists()
     assert len((here / "d/results.csv").read_text().splitlines()) == 2
 
 

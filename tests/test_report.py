@@ -205,7 +205,7 @@ def test_a_compensator_that_does_no_better_is_explained():
     assert "<p>It cannot jump.</p>" in page(worse)
     none = attrs.evolve(found, consequence=None, no_consequence="It was not tracked.")
     assert "\n\nConsequence for control: It was not tracked.\n" in str(none)
-    assert "<h2>Consequence for control</h2><p>It was not tracked.</p>" in page(none)
+    assert "Consequence for control</h2><p>It was not tracked.</p>" in page(none)
 
 
 def test_what_is_left_after_all_that_was_named_is_told():
@@ -387,6 +387,7 @@ def test_a_page_is_whole_and_fetches_nothing(name):
     found = Page(text)
     assert found.open == []
     assert found.fetched == []
+    assert [one for one in found.links if not one.startswith("#")] == ["diagnosis.json", "augmented.toml"]
     assert not found.seen & {"script", "link", "iframe", "img", "object"}
     assert "url(" not in text
     assert "@import" not in text
@@ -403,7 +404,7 @@ def test_a_page_has_its_parts_in_this_order():
         "Indistinguishable effects",
         "Detection limits",
         "Consequence for control",
-        "Provenance",
+        "Data and settings",
         "Notes",
     ]
     assert Page(page(EVERY["none"])).heads == [
@@ -413,7 +414,7 @@ def test_a_page_has_its_parts_in_this_order():
         "The diagram",
         "In a script",
         "Detection limits",
-        "Provenance",
+        "Data and settings",
         "Notes",
     ]
 
@@ -421,14 +422,15 @@ def test_a_page_has_its_parts_in_this_order():
 def test_the_page_begins_with_the_verdict():
     text = page(diagnosis())
     body = text[text.index("<body>") :]
-    assert body.index("gap width") < body.index("<svg") < body.index("Candidate effects")
+    assert body.index("gap width") < body.index("<svg") < body.index("Candidate effects</h2>")
     assert '<div class="verdict named"><p><b class="word">Named.</b> Unmodelled effect between x_in and x_out' in body
 
 
 def test_the_page_says_what_it_rests_on():
     text = page(diagnosis())
     rows = re.findall(
-        r"<tr><td class=\"l\">(.*?)</td><td class=\"l\">(.*?)</td></tr>", text[text.index("Provenance") :]
+        r"<tr><th scope=\"row\" class=\"l\">(.*?)</th><td class=\"l\">(.*?)</td></tr>",
+        text[text.rindex("Data and settings") :],
     )
     assert rows == [
         ("tsmblocks", "0.1.0"),
@@ -508,37 +510,6 @@ def test_a_page_of_eight_long_experiments_stays_small():
     traces = tuple(trace(name, 0.8, n=2500, seed=k) for k, name in enumerate(names))
     text = page(diagnosis(attrs.evolve(NAMED, gaps=(gap,), traces=traces), experiments=tuple(names)))
     assert len(text.encode()) < 1_500_000
-
-
-def luminance(colour):
-    """Relative luminance of a colour of sRGB, as the accessibility guidelines define it."""
-    digits = colour.lstrip("#")
-    digits = "".join(2 * c for c in digits) if len(digits) == 3 else digits[:6]
-    parts = [int(digits[k : k + 2], 16) / 255 for k in (0, 2, 4)]
-    linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
-    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
-
-
-@pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
-@pytest.mark.parametrize(
-    ("name", "least"),
-    [
-        ("ink", 7),
-        ("soft", 4.5),
-        ("floor", 4.5),
-        ("add", 4.5),
-        ("gone", 4.5),
-        ("before", 4.5),
-        ("after", 4.5),
-        ("between", 2.5),
-        ("measured", 2.9),
-    ],
-)
-@pytest.mark.parametrize("paper", ["paper", "panel"])
-def test_colours_stand_out_from_the_paper(scheme, name, least, paper):
-    colours = dict(re.findall(r"--(\w+):(#\w+)", re.findall(r":root\{(.*?)\}", CSS, re.DOTALL)[scheme]))
-    light, dark = sorted([luminance(colours[name]), luminance(colours[paper])], reverse=True)
-    assert (light + 0.05) / (dark + 0.05) >= least
 
 
 def test_what_was_measured_shows_on_both_sides_of_the_models_drawn_over_it():
@@ -693,13 +664,15 @@ def test_what_is_left_can_be_drawn_for_any_experiment(plots):
 
 def test_the_loop_shows_the_stretch_that_was_worst_and_no_legend_lies_on_the_residual(plots):
     figure = plots.plot_diagnosis(diagnosis())
-    _, left, loop, _ = figure.axes
+    _, _, loop, _ = figure.axes
     one = NAMED.traces[0]
     (before,) = (line for line in loop.lines if line.get_label() == "before")
     assert 3 * len(one.t) // 16 <= len(before.get_xdata()) <= 7 * len(one.t) // 16
     assert loop.get_title(loc="left").endswith(" s")
     figure.canvas.draw()
-    assert left.get_legend().get_window_extent().y1 < left.get_window_extent().y0
+    (legend,) = figure.legends
+    assert legend.get_window_extent().y1 < min(panel.get_window_extent().y0 for panel in figure.axes)
+    assert not any(panel.get_legend() for panel in figure.axes)
 
 
 def test_the_error_along_a_coordinate_says_when_there_is_none(plots):

@@ -1,11 +1,11 @@
-"""Run a demonstration in under a minute: the paper's experiments, then a mechanism with a hidden effect.
+"""Run a demonstration in under a minute: a hidden effect is found, and the paper's experiments are repeated.
 
-The paper's three diagrams are run on its three signals (and on a measured
-reference, with --data). Then a tendon sheath with an effect that its model lacks
-is measured, with noise; the model is identified, the unmodelled effect is
-diagnosed and added, the compensators are rebuilt on it, and the tracking error
-of the mechanism is reported before and after. The folder has all of it; begin
-with index.html.
+A tendon sheath with an effect that its model lacks is measured, with noise; the
+model is identified, the unmodelled effect is diagnosed and compared with what
+was hidden, the compensators are rebuilt, and the tracking error of the mechanism
+is reported before and after. Then the source paper's three diagrams are run on
+its three signals (and on a measured reference, with --data). The folder has all
+of it; begin with index.html.
 
   tsmblocks demo --out story
   tsmblocks demo --hide none       # nothing is hidden: is anything reported?
@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib.util import find_spec
@@ -25,16 +24,16 @@ from typing import TYPE_CHECKING
 
 from tsmblocks.cli import common, console, recordings
 from tsmblocks.common.atomic_write import replace_figure, replace_file
-from tsmblocks.common.tables import columns, line_width
 
 if TYPE_CHECKING:
-    from tsmblocks.demo.compensators import Tracked
     from tsmblocks.demo.paper import Case
     from tsmblocks.demo.story import Story
 
-HELP = "the paper's experiments, and a hidden effect diagnosed; one page with pictures"
+HELP = "a hidden effect found, and the paper's experiments repeated; one page with pictures"
 NAMES = ("position_ripple", "backlash", "odd_nonlinearity", "none")
 """Effects that can be hidden, the default first."""
+PAGE = "index.html"
+"""The page of the demonstration, in its folder."""
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,7 +50,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
-    from tsmblocks.demo import paper
+    from tsmblocks.demo import paper, text
+    from tsmblocks.demo.page import page
     from tsmblocks.demo.story import build_story
 
     hidden = common.known_name(args.hide, NAMES, "effect to hide")
@@ -59,19 +59,19 @@ def execute(args: argparse.Namespace) -> int:
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
     say: Callable[[str], None] = (lambda _: None) if args.json else console.print_text
+    with console.progress_line(console.stage_progress(), quiet=args.json) as progress:
+        story = build_story(hidden, args.seed, progress)
+    say(text.story_text(story))
+    files = _write_story(story, folder)
     with console.progress_line(console.percent_progress("running"), quiet=args.json) as running:
         whole = paper.run(cases, running)
-    say(_paper_text(cases))
-    _write_paper(cases, folder)
+    say(f"\n{text.paper_text(cases)}")
+    files |= _write_paper(cases, folder)
     if not whole:
         console.print_error("stopped early; the table and the files have what was done until then.")
         return common.INTERRUPTED
-    with console.progress_line(console.stage_progress(), quiet=args.json) as progress:
-        story = build_story(hidden, args.seed, progress)
-    for chapter in (_measurement_text, _fit_text, _diagnosis_text, _tracking_text, _hidden_text):
-        say(f"\n{chapter(story)}")
-    _write_story(cases, story, folder)
-    say(f"\nAll of it with pictures: {folder / 'index.html'}")
+    replace_file(folder / PAGE, page(cases, story, files))
+    say(f"\nAll of it with pictures: {folder / PAGE}")
     if args.json:
         console.print_json(_facts(cases, story, folder))
     return 0
@@ -97,77 +97,6 @@ def _cases(args: argparse.Namespace) -> list[Case]:
     return [*paper.cases(), paper.measured_case(record, name, unit)]
 
 
-# ---- text ---------------------------------------------------------------------------------------
-
-
-def _paper_text(cases: Sequence[Case]) -> str:
-    from tsmblocks.demo import paper
-
-    head = ("", "none", "(11)", "(11) + PID", "paper measured")
-    table = columns([head, *paper.compared(cases)])
-    title = _wrapped(
-        "1. The paper's diagrams: peak-to-peak tracking error in deg, over the second half of each run, "
-        "without compensation, with feedforward, with feedback as well"
-    )
-    return f"{title}\n\n{table}\n\n{_wrapped(paper.WHY)}"
-
-
-def _measurement_text(story: Story) -> str:
-    from tsmblocks.demo.mechanism import DEG
-    from tsmblocks.demo.story import FLOOR
-
-    return _wrapped(
-        f"2. A mechanism is measured: {', '.join(story.records)}, with an encoder at the motor and a "
-        f"sensor of {FLOOR / DEG:.3f} deg rms at the tip. It may have an effect that its model lacks."
-    )
-
-
-def _fit_text(story: Story) -> str:
-    from tsmblocks.demo.mechanism import DEG
-    from tsmblocks.demo.story import FLOOR
-    from tsmblocks.fitting.text import numbers
-
-    residual = story.fit.differences.rms
-    end = _wrapped(f"The residual is {residual / DEG:.3f} deg rms, {residual / FLOOR:.1f} times the sensor's noise.")
-    return f"3. The paper's model is identified from all experiments at once\n\n{numbers(story.fit)}\n\n{end}"
-
-
-def _diagnosis_text(story: Story) -> str:
-    from tsmblocks.diagnosis.verdict_text import verdict_sentence
-
-    segment = story.diagnosis.worst
-    text = _wrapped(f"{segment.verdict.upper()}. {verdict_sentence(segment)}")
-    return f"4. The unmodelled effect is diagnosed\n\n{text}"
-
-
-def _tracking_text(story: Story) -> str:
-    from tsmblocks.demo.story import IDENTIFIED
-
-    names, first = story.models, story.tracked[0]
-    rows: list[tuple[str, ...]] = [("model:", *names), (first.words, *([_error(first)] * len(names)))]
-    rows += [(words, *(_error(story.on(name).get(words)) for name in names)) for words in story.on(IDENTIFIED)]
-    which = "both models" if len(names) > 1 else "the model"
-    title = _wrapped(
-        f"5. The compensators are rebuilt on {which}, and the mechanism tracks 55 deg at 0.2 Hz: "
-        "peak-to-peak error in deg, rms in brackets"
-    )
-    return f"{title}\n\n{columns(rows)}"
-
-
-def _error(one: Tracked | None) -> str:
-    return "-" if one is None else f"{one.error.peak_to_peak:.2f} ({one.error.rms:.3f})"
-
-
-def _hidden_text(story: Story) -> str:
-    rows: list[tuple[str, ...]] = [("", "in truth", *story.models)]
-    rows += [(name, *(f"{v:.3g}" for v in values)) for name, *values in story.revealed]
-    return f"{_wrapped(f'6. The hidden effect: {story.hidden.words}')}\n\n{columns(rows)}"
-
-
-def _wrapped(text: str) -> str:
-    return textwrap.fill(text, line_width(), break_on_hyphens=False)
-
-
 def _facts(cases: Sequence[Case], story: Story, folder: Path) -> dict:
     from tsmblocks.demo import paper
 
@@ -181,14 +110,18 @@ def _facts(cases: Sequence[Case], story: Story, folder: Path) -> dict:
             {"compensator": one.words, "model": one.model, "peak_to_peak": e.peak_to_peak, "rms": e.rms, "unit": e.unit}
             for one, e in ((one, one.error) for one in story.tracked)
         ],
-        "page": str(folder / "index.html"),
+        "page": str(folder / PAGE),
     }
 
 
 # ---- files --------------------------------------------------------------------------------------
 
 
-def _write_paper(cases: list[Case], folder: Path) -> None:
+Files = dict[str, list[str]]
+"""Files that were written into the folder, by what they are."""
+
+
+def _write_paper(cases: list[Case], folder: Path) -> Files:
     """Write the table, drawings of each diagram, and, where matplotlib is installed, plots of each signal."""
     from tsmblocks.cli import draw
     from tsmblocks.demo import paper
@@ -197,35 +130,39 @@ def _write_paper(cases: list[Case], folder: Path) -> None:
     table = io.StringIO()
     csv.writer(table, lineterminator="\n").writerows(paper.rows(cases))
     replace_file(folder / "results.csv", table.getvalue())
-    for name in paper.DIAGRAMS:
-        for ending in (".svg", ".png"):
-            draw.write(load(name), folder / f"{name}{ending}")
-    if find_spec("matplotlib"):
-        _plot_paper(cases, folder)
+    drawn = [f"{name}{ending}" for name in paper.DIAGRAMS for ending in (".svg", ".png")]
+    for name in drawn:
+        draw.write(load(Path(name).stem), folder / name)
+    plots = _plot_paper(cases, folder) if find_spec("matplotlib") else []
+    files = {"Tracking errors of the paper's diagrams": ["results.csv"], "Diagrams": drawn, "Plots": plots}
+    return {words: names for words, names in files.items() if names}
 
 
-def _plot_paper(cases: list[Case], folder: Path) -> None:
+def _plot_paper(cases: list[Case], folder: Path) -> list[str]:
+    """Plot the tracking error and the loop of each signal; the names of the files."""
     from tsmblocks.demo import paper
     from tsmblocks.plots import plot_loop, plot_tracking
 
-    for case in (one for one in cases if one.runs):
+    run = [one for one in cases if one.runs]
+    for case in run:
         labelled = {paper.DIAGRAMS[name]: run for name, run in case.runs.items()}
         figure = plot_tracking(labelled, title=case.words, after=case.settled)
         replace_figure(folder / f"tracking_{case.key}.png", figure, dpi=150)
         panel = None
-        for label, run in labelled.items():
-            late = run.t >= case.settled
-            figure = plot_loop(run["x_in"][late], run["x_out"][late], panel, label=label)
+        for label, made in labelled.items():
+            late = made.t >= case.settled
+            figure = plot_loop(made["x_in"][late], made["x_out"][late], panel, label=label)
             panel = figure.axes[0]
         figure.axes[0].set_title(case.words, loc="left", fontsize=11)
         replace_figure(folder / f"loop_{case.key}.png", figure, dpi=150)
+    return [f"{kind}_{case.key}.png" for case in run for kind in ("tracking", "loop")]
 
 
-def _write_story(cases: Sequence[Case], story: Story, folder: Path) -> None:
-    """Write the page, the recordings, the models, and the report of the diagnosis."""
+def _write_story(story: Story, folder: Path) -> Files:
+    """Write the recordings, the models, and the report of the diagnosis, with a way back to the page."""
     from tsmblocks.demo.mechanism import model
-    from tsmblocks.demo.page import page
     from tsmblocks.files import save
+    from tsmblocks.html.report_files import written
 
     (folder / "recordings").mkdir(exist_ok=True)
     for name, record in story.records.items():
@@ -234,5 +171,13 @@ def _write_story(cases: Sequence[Case], story: Story, folder: Path) -> None:
         replace_file(folder / "recordings" / f"{name}.csv", "\n".join(lines) + "\n")
     save(model(), folder / "model.toml")
     save(story.fit.diagram, folder / "identified.toml")
-    story.diagnosis.save(folder / "found")
-    replace_file(folder / "index.html", page(cases, story))
+    written(story.diagnosis, folder / "found", back=(f"../{PAGE}", "Demonstration"))
+    return {
+        "Recordings": [f"recordings/{name}.csv" for name in story.records],
+        "Models: as given, as identified, with what was found": [
+            "model.toml",
+            "identified.toml",
+            "found/augmented.toml",
+        ],
+        "Diagnosis": ["found/report.html", "found/diagnosis.json"],
+    }

@@ -9,6 +9,8 @@ from __future__ import annotations
 ROLES = ("ink", "soft", "rule", "measured", "before", "after", "between", "floor")
 """What a colour means: text and zero lines, small print, grid; a measurement; a model before a change; the model that
 was simulated, fitted or tuned; what lies between or is paler; the noise floor."""
+TRACKING = ("input", "open", "forward", "feedback")
+"""On pages: the motion of the motor; tracking without compensation, with feedforward, and with feedback."""
 SERIES = ("c0", "c1", "c2", "c3", "c4", "c5")
 """Colours that only tell the signals of one chart apart."""
 NOISE_OPACITY, BAND_OPACITY = 0.2, 0.2
@@ -17,11 +19,15 @@ LIGHT = {
     "ink": "#1b1b1b",
     "soft": "#5b5b5b",
     "rule": "#d5d5d5",
-    "measured": "#909090",
+    "measured": "#8a8a8a",
     "before": "#b84a06",
     "after": "#0a5fd0",
-    "between": "#7a9fbe",
+    "between": "#7f8ea6",
     "floor": "#0b7a4b",
+    "input": "#1b1b1b",
+    "open": "#a67c00",
+    "forward": "#96123f",
+    "feedback": "#4b3fa8",
     "c0": "#0a5fd0",
     "c1": "#b84a06",
     "c2": "#249f66",
@@ -39,6 +45,10 @@ DARK = {
     "after": "#62b5f2",
     "between": "#6c8fae",
     "floor": "#8fe388",
+    "input": "#ececec",
+    "open": "#d9b44a",
+    "forward": "#d9577c",
+    "feedback": "#a79bff",
 }
 """On dark paper."""
 EITHER = {

@@ -36,18 +36,16 @@ class Hidden:
 
 
 HIDDEN = {
-    "backlash": Hidden(
-        "a worn coupling between motor and tendon, a gap of ±1.5 deg", Play(half_width=1.5 * DEG), "tsm"
-    ),
+    "backlash": Hidden("a worn coupling between motor and tendon, a gap 3 deg wide", Play(half_width=1.5 * DEG), "tsm"),
     "odd_nonlinearity": Hidden(
-        "a lever at the tip that moves faster about its middle", Bow(size=0.06, width=0.3), "x_out"
+        "a lever at the tip that moves up to 20 % faster about its middle", Bow(size=0.06, width=0.3), "x_out"
     ),
     "position_ripple": Hidden(
         "an eccentric pulley at the tip, ±0.6 deg every 45 deg",
         Ripple(cosine=0.36 * DEG, sine=0.48 * DEG, cycles=8.0),
         "x_out",
     ),
-    "none": Hidden("nothing: the model has the sheath's own form"),
+    "none": Hidden("nothing, the model has the sheath's own form"),
 }
 """Effects that may be hidden, by the name that a diagnosis should report."""
 

@@ -2,60 +2,81 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from tsmblocks.data import Record, heading
-from tsmblocks.demo import paper
-from tsmblocks.demo.compensators import PERIOD, REFERENCE, Tracked
+from tsmblocks.demo import findings, paper
+from tsmblocks.demo.compensators import FEEDFORWARD, PERIOD, REFERENCE, Tracked
 from tsmblocks.demo.mechanism import DEG, model
 from tsmblocks.demo.paper import DIAGRAMS, Case
 from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story
-from tsmblocks.diagnosis.presentation import by_excess, digits, output_traces, profile, with_interval
+from tsmblocks.demo.text import TITLES
+from tsmblocks.diagnosis.presentation import by_excess, output_traces, profile
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.verdict_text import verdict_sentence, verdict_word, worst_gap
 from tsmblocks.draw import to_svg
 from tsmblocks.files import load
+from tsmblocks.fitting.text import estimate_rows
 from tsmblocks.html import charts, figures
 from tsmblocks.html.charts import LEFT, RIGHT, Frame
-from tsmblocks.html.pages import part, rendered
+from tsmblocks.html.pages import FLUSH_LEFT, part, rendered
+from tsmblocks.html.report import line_colours, model_colours, profile_figure
 from tsmblocks.simulation.run import Run
 
 POINTS = 600
 """Points of one line at most."""
-KINDS = ("before", "between", "after")
-"""Classes of lines that are compared, and so their colours; what they are compared with is ``measured``."""
+OPEN, FORWARD, FEEDBACK = "open", "forward", "feedback"
+"""Classes of lines, and so their colours: without compensation, with feedforward, with feedback as well."""
+MODELS = ("before", "after")
+"""The same of the models: as identified, and with what was found."""
+SHAPES = {OPEN: "dash", FEEDBACK: "dash", "input": "dash"}
+"""Lines that are dashed."""
 
 Line = tuple[np.ndarray, np.ndarray, str]
 """Values along x and y, and the class of the line."""
 
 
-def page(cases: Sequence[Case], story: Story) -> str:
-    """The whole page; the same numbers give the same text."""
-    diagnosis, residual = story.diagnosis, story.fit.differences.rms
-    effects = " and ".join(f"{e.words} on {e.wire.strip()}" for e in diagnosis.effects)
+def page(cases: Sequence[Case], story: Story, files: Mapping[str, Sequence[str]]) -> str:
+    """The whole page; the same numbers give the same text. ``files`` are those beside it, by what they are."""
+    diagnosis = story.diagnosis
     ends = [story.tracked[0], *(best(story, model) for model in story.models)]
+    hidden, found = findings.headline(story)
+    names, *rows = findings.tracking(story)
     values = dict(
-        title="tsmblocks: from measurements to the missing effect, and to better control",
+        title=f"tsmblocks demonstration. {found}",
+        back=None,
+        seed=diagnosis.seed,
+        name=story.name,
+        titles=TITLES,
+        hidden=hidden,
+        found=found,
+        tried=findings.search(story),
         diagnosis=diagnosis,
-        in_one_line=f"{verdict_word(diagnosis.worst)}{': ' + effects if effects else ''}.",
-        errors=[digits(one.error.peak_to_peak) for one in ends],
-        paper=_paper(cases),
-        floor=digits(FLOOR / DEG),
+        errors=[findings.rounded(one.error.peak_to_peak) for one in ends],
+        revealed=_revealed(story),
+        measurement=findings.measurement(story),
         recordings=_recordings(story),
         model=to_svg(model()),
-        estimates=[(e.name, f"{e.value:.4g}", f"{e.low:.4g} … {e.high:.4g}", e.unit) for e in story.fit.estimates],
-        residual={"rms": digits(residual / DEG), "times_noise": f"{residual / FLOOR:.1f}"},
+        estimates=_estimates(story),
+        gap=findings.gap(story),
+        search=findings.search(story),
+        word=verdict_word(diagnosis.worst),
         verdict=verdict_sentence(diagnosis.worst),
         augmented=to_svg(diagnosis.augmented, highlight=[e.block for e in diagnosis.effects]),
         diagnosed=_diagnosed(diagnosis),
+        mechanism=to_svg(story.mechanism),
         reference=REFERENCE,
-        rebuilt=_rebuilt(story),
-        hidden=_revealed(story),
-        files=[f"recordings/{name}.csv" for name in story.records],
+        which=findings.which(story),
+        tracking={"names": (f"{FLUSH_LEFT}{names[0]}", *names[1:]), "rows": rows},
+        worse=findings.worse(story),
+        charts=_tracked(story),
+        paper=_paper(cases),
+        files=list(files.items()),
+        recorded=[f"recordings/{name}.csv" for name in story.records],
         noise_floor=f"{FLOOR / DEG:.3f}",
     )
     return rendered("demo.html", values)
@@ -64,73 +85,97 @@ def page(cases: Sequence[Case], story: Story) -> str:
 # ---- chapters ------------------------------------------------------------------------------------
 
 
-def _paper(cases: Sequence[Case]) -> dict[str, Any]:
-    sine = cases[0]
-    runs = list(zip(sine.runs.values(), KINDS, strict=True))
-    # Columns are narrow on a phone: long words may be parted.
-    names = [words.replace("sation", "\u00adsation").replace("feedf", "feed\u00adf") for words in DIAGRAMS.values()]
+def _revealed(story: Story) -> dict[str, Any]:
+    _, *names = findings.heading(story)
     return {
-        "names": ("l:signal", *names, "the paper measured"),
-        "rows": paper.compared(cases),
-        "why": paper.WHY.replace("'", "’"),
-        "drawn": to_svg(load("fig16_feedforward_feedback")),
-        "colours": list(zip(KINDS, DIAGRAMS.values(), strict=True)),
-        "charts": (
-            _error_chart(runs, f"error for {sine.words}"),
-            _loop_chart(runs, "x_in", f"the loop for {sine.words}"),
-        ),
+        "names": (f"{FLUSH_LEFT}quantity", *names),
+        "rows": [row.cells[: len(names) + 1] for row in findings.revealed(story)],
+        "intervals": findings.intervals(story),
     }
 
 
 def _recordings(story: Story) -> list[Markup]:
-    charts = []
+    """The loop of the largest motion, then each recording over time."""
+    made = [
+        _loop_chart([(story.records[REFERENCE], "measured thin")], "x_in", f"the loop of the recording {REFERENCE}")
+    ]
+    made = [
+        part("figure", made[0], f"{REFERENCE}: the tip over the motor, one period", [("measured", "measured", "line")])
+    ]
     for name, record in story.records.items():
-        lines = [
-            (record.t, np.rad2deg(record[k]), kind) for k, kind in (("x_in", "between"), ("x_out", "measured thin"))
-        ]
-        charts.append(_over_time(lines, heading(name, "deg"), f"the recording {name} over time"))
-    large = [(story.records[REFERENCE], "measured thin")]
-    return [*charts, _loop_chart(large, "x_in", f"the loop of the recording {REFERENCE}")]
+        lines = [(record.t, np.rad2deg(record[k]), kind) for k, kind in (("x_out", "measured thin"), ("x_in", "input"))]
+        chart = _over_time(lines, heading(name, "deg"), f"the recording {name} over time")
+        colours = [("input", "x_in, motor", "dash"), ("measured", "x_out, tip", "line")]
+        made.append(part("figure", chart, f"{name}: both ends over time", colours))
+    return made
+
+
+def _estimates(story: Story) -> list[tuple[str, ...]]:
+    """Heading and rows of the parameters that were identified, without columns that are empty."""
+    head, *rows = estimate_rows(story.fit, [e for e in story.fit if not e.is_start])
+    kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
+    left = {"parameter", "unit", ""}
+    names = tuple(f"{FLUSH_LEFT if head[k] in left else ''}{head[k] or 'remark'}" for k in kept)
+    return [names, *(tuple(row[k] for k in kept) for row in rows)]
 
 
 def _diagnosed(diagnosis: Diagnosis) -> list[Markup]:
     segment, quiet = diagnosis.worst, diagnosis.verdict == "none"
-    gap = worst_gap(segment)
+    gap, colours = worst_gap(segment), model_colours(diagnosis.segments)
     worst = by_excess(output_traces(segment, gap.output))[0]
     along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate, diagnosis.base))]
+    lines, name = line_colours(colours), worst.experiment
     return [
-        figures.gap_bars(segment, gap),
-        *(figures.residual_over_coordinate(one, explained=bool(diagnosis.effects), quiet=quiet) for one in along),
-        figures.signals_chart(worst, POINTS, quiet=quiet),
-        figures.residual_chart(worst, gap.noise_floor, POINTS, quiet=quiet),
+        *(profile_figure(one, explained=bool(diagnosis.effects), quiet=quiet) for one in along),
+        part("figure", figures.gap_bars(segment, gap), "Error on validation data", [*colours, *figures.OF_BARS]),
+        part(
+            "figure", figures.signals_chart(worst, POINTS, quiet=quiet), f"{name}: measured and simulated", lines[:-1]
+        ),
+        part(
+            "figure",
+            figures.residual_chart(worst, gap.noise_floor, POINTS, quiet=quiet),
+            f"{name}: the residual; cells above it are blocks of time, the stronger the further above the noise",
+            lines[1:],
+        ),
     ]
 
 
-def _rebuilt(story: Story) -> dict[str, Any]:
-    columns, first, identified = story.models, story.tracked[0], story.on(IDENTIFIED)
-    rows = [(first.words, *([_error(first)] * len(columns)))]
-    rows += [(words, *(_error(story.on(c).get(words)) for c in columns)) for words in identified]
-    steps = [first, identified["feedforward (11)"], best(story, columns[-1])]
-    ends = list(zip((best(story, c) for c in columns), KINDS[::2], strict=False))
-    by_step = list(zip(steps, KINDS, strict=True))
+def _tracked(story: Story) -> list[Markup]:
+    first, identified = story.tracked[0], story.on(IDENTIFIED)
+    kinds = MODELS if story.diagnosis.effects else MODELS[1:]
+    ends = [(best(story, name), kind) for name, kind in zip(story.models, kinds, strict=True)]
+    steps = [(first, OPEN), (identified[FEEDFORWARD], FORWARD), ends[-1]]
     errors = _error_chart([(one.run, kind) for one, kind in ends], "error behind the best compensators")
-    loops = _loop_chart([(one.run, kind) for one, kind in by_step], "x_ref", "what arrives over what is wanted")
+    loops = _loop_chart([(one.run, kind) for one, kind in steps], "x_ref", "output against reference")
+    return [
+        part("figure", errors, "Tracking error behind the best compensator on each model", _key(ends)),
+        part("figure", loops, "Output against reference: a straight line were perfect", _key(steps)),
+    ]
+
+
+def _paper(cases: Sequence[Case]) -> dict[str, Any]:
+    sine, kinds = cases[0], (OPEN, FORWARD, FEEDBACK)
+    runs = list(zip(sine.runs.values(), kinds, strict=True))
+    colours = [(kind, words, SHAPES.get(kind, "line")) for kind, words in zip(kinds, DIAGRAMS.values(), strict=True)]
+    errors, loops = (
+        _error_chart(runs, f"error for {sine.words}"),
+        _loop_chart(runs, "x_in", f"the loop for {sine.words}"),
+    )
     return {
-        "names": ("l:", *(f"model {name}" for name in columns)),
-        "rows": rows,
-        "charts": (_key(ends) + errors, _key(by_step) + loops),
+        "names": (f"{FLUSH_LEFT}signal", *map(_parted, DIAGRAMS.values()), "the paper measured"),
+        "rows": paper.compared(cases),
+        "why": paper.WHY,
+        "drawn": to_svg(load("fig16_feedforward_feedback")),
+        "charts": (
+            part("figure", errors, f"Tracking error for {sine.words}", colours),
+            part("figure", loops, f"The tip over the motor for {sine.words}", colours),
+        ),
     }
 
 
-def _revealed(story: Story) -> dict[str, Any]:
-    words = story.hidden.words
-    return {
-        "words": words[0].upper() + words[1:],
-        "sizes": [f"{k} {with_interval(q)}" for e in story.diagnosis.effects for k, q in e.parameters.items()],
-        "names": ("l:", "in truth", *story.models),
-        "rows": [(name, *(f"{v:.3g}" for v in values)) for name, *values in story.revealed],
-        "drawn": to_svg(story.mechanism),
-    }
+def _parted(words: str) -> str:
+    """A name whose long words may be parted where a column is narrow, as on a phone."""
+    return words.replace("sation", "\u00adsation").replace("feedf", "feed\u00adf")
 
 
 def best(story: Story, on: str) -> Tracked:
@@ -138,12 +183,10 @@ def best(story: Story, on: str) -> Tracked:
     return min(story.on(on).values(), key=lambda one: one.error.peak_to_peak)
 
 
-def _key(on: Sequence[tuple[Tracked, str]]) -> Markup:
-    return part("key", [(kind, ", ".join(filter(None, (one.words, one.model)))) for one, kind in on])
-
-
-def _error(one: Tracked | None) -> str:
-    return "-" if one is None else f"{digits(one.error.peak_to_peak)} ({digits(one.error.rms)})"
+def _key(on: Sequence[tuple[Tracked, str]]) -> list[tuple[str, str, str]]:
+    """What the colours of some runs mean."""
+    words = [f"{one.words}, model {one.model}" if one.model else one.words for one, _ in on]
+    return [(kind, name, SHAPES.get(kind, "line")) for (_, kind), name in zip(on, words, strict=True)]
 
 
 # ---- charts --------------------------------------------------------------------------------------

@@ -207,9 +207,7 @@ def _beside_noise(comparison: Comparison) -> list[str]:
     text = f"{name} fits best: its error is {ratio:#.2g} times the noise of the recordings ({size} rms, "
     text += f"{comparison.noise_from})."
     if ratio >= FAR:
-        text += (
-            " Every model has an unmodelled effect. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
-        )
+        text += " Every model has an unmodelled effect. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
     return [textwrap.fill(text, line_width(), break_on_hyphens=False)]
 
 

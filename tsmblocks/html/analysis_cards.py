@@ -21,4 +21,8 @@ def frequency_card(response: FrequencyResponse) -> str:
         for k, f in enumerate(response.frequencies)
     ]
     head = (f"size of {response.driven}", "frequency [Hz]", "gain", "phase [deg]", "distortion [%]")
-    return card(f"{response.title}: {response.output} over {response.driven}", "", rows(head, cells, most=40))
+    return card(
+        f"{response.title}: {response.output} over {response.driven}",
+        "",
+        rows(head, cells, "Response at each amplitude and frequency", most=40),
+    )

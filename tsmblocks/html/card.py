@@ -11,7 +11,7 @@ from tsmblocks.common import units
 from tsmblocks.data import heading
 from tsmblocks.html import charts
 from tsmblocks.html.charts import LEFT, RIGHT, Frame, ends
-from tsmblocks.html.pages import part, rendered
+from tsmblocks.html.pages import FLUSH_LEFT, part, rendered
 
 MOST_LINES, MOST_CHARTS, MOST_ROWS = 6, 4, 12
 """Lines of a chart, charts and rows of a table at most; the rest is counted."""
@@ -29,23 +29,26 @@ def card(title: str, about: str, *parts: str) -> Markup:
 def rows(
     names: Sequence[str],
     cells: Sequence[Sequence[str]],
+    caption: str,
     kinds: Sequence[str] = (),
     most: int | None = MOST_ROWS,
     count: int | None = None,
 ) -> Markup:
-    """A table of texts; a name that begins with ``l:`` is of a column that is flush left.
+    """A table of texts with its caption; a name that begins with ``l:`` is of a column that is flush left.
 
     ``kinds`` are classes of the rows. Of more than ``most`` of them the rest is counted; they are ``count`` where cells
     were made of the first ones only.
     """
-    return part("table", names, cells, kinds, most, count)
+    return part("table", names, cells, caption, kinds, most, count)
 
 
-def table_of(cells: Sequence[Sequence[str]], left: Collection[int], most: int | None = MOST_ROWS) -> Markup:
+def table_of(
+    cells: Sequence[Sequence[str]], left: Collection[int], caption: str, most: int | None = MOST_ROWS
+) -> Markup:
     """The rows of a printed table, the heading first; empty columns are left out."""
     kept = [k for k in range(len(cells[0])) if any(row[k] for row in cells[1:])]
-    head = [f"l:{cells[0][k]}" if k in left else cells[0][k] for k in kept]
-    return rows(head, [[row[k] for k in kept] for row in cells[1:]], most=most)
+    head = [f"{FLUSH_LEFT if k in left else ''}{cells[0][k] or 'remark'}" for k in kept]
+    return rows(head, [[row[k] for k in kept] for row in cells[1:]], caption, most=most)
 
 
 def listed(texts: Iterable[str], title: str = "") -> Markup:
@@ -75,7 +78,9 @@ def over_time_and_ranges(
         figures = (y.min(), y.max(), values[-1]) if len(y) else (np.nan,) * 3
         size = float(np.abs(k * y).max(initial=0.0))
         cells.append([name, *(table_number(k * float(v), size) for v in figures), shown])
-    return over_time(t, signals, words), rows(["l:signal", "min", "max", "last", "l:unit"], cells)
+    return over_time(t, signals, words), rows(
+        ["l:signal", "min", "max", "last", "l:unit"], cells, "Ranges of the signals"
+    )
 
 
 def _chart(t: np.ndarray, lines: Sequence[tuple[str, np.ndarray]], unit: str, words: str) -> Markup:

@@ -98,7 +98,7 @@ def axes(frame: Frame, x_label: str, y_label: str, *, numbers: bool = True) -> s
         parts += [rule(frame.left, y, frame.right, y, "grid"), text(frame.left - 4, y + 4, tick_label(value), "end")]
     parts.append(x_axis(frame, x_label, numbers=numbers))
     if y_label:
-        parts.append(text(2, frame.top - 6, y_label))
+        parts.append(text(2, frame.top - 10, y_label))
     return "".join(parts)
 
 

@@ -30,7 +30,7 @@ def diagnosis_card(diagnosis: Diagnosis) -> str:
         sizes = "; ".join(f"{k} {with_interval(q)}" for k, q in (e.sizes or e.parameters).items())
         table.append((e.name, e.wire.strip(), sizes, percent(e.share_removed), ", ".join(e.also_possible)))
     gaps = [gap_bars(s, g) for s in diagnosis.segments for g in s.gaps][:MOST_CHARTS]
-    colours = [*model_colours(diagnosis.segments), ("hollow", "hollow: on the data it was fitted to")]
+    colours = [*model_colours(diagnosis.segments), ("ink", "on the data it was fitted to", "hollow")]
     stopped = "" if diagnosis.status == "done" else f"; {STATUS.get(diagnosis.status, diagnosis.status)}"
     count = len(diagnosis.experiments)
     about = f"{count} experiment{'s' if count > 1 else ''}: {few(diagnosis.experiments)}{stopped}"
@@ -38,7 +38,7 @@ def diagnosis_card(diagnosis: Diagnosis) -> str:
         f"Diagnosis: {diagnosis.diagram or 'diagram'}",
         about,
         *boxes,
-        table_of(table, {0, 1, 2, 4}) if diagnosis.effects else "",
+        table_of(table, {0, 1, 2, 4}, "Effects that the model lacks") if diagnosis.effects else "",
         part("key", colours),
         part("charts", gaps),
         listed(["diagnosis.save(folder) writes the whole report."]),

@@ -22,6 +22,10 @@ KINDS = ("measured", "before", "after")
 """Classes of lines, which give their colours."""
 QUIET = ("measured", "after")
 """The same where nothing is missing: the model as it is has the colour of one that is right."""
+OF_BARS = (("ink", "the same model on the data it was fitted to", "hollow"), ("floor", "noise floor", "dash"))
+"""What else the colours of bars mean, beside those of the models."""
+OF_LINES = (("measured", "measured", "line"), ("noise", "noise, ± 2 rms", "fill"))
+"""What else the colours of signals and residuals mean."""
 CORNERS = 4
 """Corners of a loop for each point that a line over time has."""
 

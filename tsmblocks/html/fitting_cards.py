@@ -29,7 +29,7 @@ def fit_card(fit: Fit) -> str:
     return card(
         fit.diagram.title or "Fit",
         f"{fit.method}: {STATUS[fit.status]}{agree}",
-        table_of(estimate_rows(fit), {0, 4, 6}, MOST),
+        table_of(estimate_rows(fit), {0, 4, 6}, "Parameters", MOST),
         *_residuals(fit.differences),
         listed(cautions(fit), "beware"),
     )
@@ -52,7 +52,7 @@ def comparison_card(comparison: Comparison) -> str:
     return card(
         f"{len(comparison)} models compared",
         about,
-        table_of(ranking_rows(comparison), {0}, MOST),
+        table_of(ranking_rows(comparison), {0}, "Models, the best first", MOST),
         shown,
         listed(faults, "could not be fitted"),
         listed(warnings, "beware"),
@@ -62,7 +62,7 @@ def comparison_card(comparison: Comparison) -> str:
 def _residuals(differences: Differences) -> tuple[str, str]:
     if not len(differences):
         return "", ""
-    return table_of(residual_rows(differences), {0, 3}, MOST), _chart(_worst(differences))
+    return table_of(residual_rows(differences), {0, 3}, "Residuals", MOST), _chart(_worst(differences))
 
 
 def _worst(differences: Differences) -> Difference:
@@ -77,5 +77,5 @@ def _chart(one: Difference, before: str = "") -> str:
     words = f"{one.output} of {one.experiment} over time, measured and simulated"
     above = time_chart(one.t, [("measured", measured), ("c0", simulated)], title, words)
     words = f"residual of {one.output} in {one.experiment} over time"
-    below = time_chart(one.t, [("c1", residual)], heading("residual", unit), words, zero=True)
+    below = time_chart(one.t, [("c3", residual)], heading("residual", unit), words, zero=True)
     return part("charts", (above, below)) + part("key", [("measured", "measured"), ("c0", "simulated")])

@@ -24,15 +24,17 @@ LONGEST = 60
 @view.register
 def block_card(block: Block) -> str:
     """A block: its first sentence, equation, ports and parameters, those that differ from their defaults in bold."""
-    ports = [("in", k, p.unit or "any", p.about) for k, p in block.inports.items()]
-    ports += [("out", k, p.unit or "any", p.about) for k, p in block.outports.items()]
+    ports = [(k, "in", p.unit or "any", p.about) for k, p in block.inports.items()]
+    ports += [(k, "out", p.unit or "any", p.about) for k, p in block.outports.items()]
     fields = type(block).fields()
     cells = [(k, _value(getattr(block, k)), f.unit, f.about) for k, f in fields.items()]
     own = ["named" if getattr(block, k) != f.default else "" for k, f in fields.items()]
     sentence, equation, _ = words(type(block))
     parts = [_formula(equation)] if equation else []
-    parts += [rows(["l:", "l:port", "l:unit", "l:what it is"], ports)] if ports else []
-    parts += [rows(["l:parameter", "value", "l:unit", "l:what it is"], cells, own, most=30)] if cells else []
+    parts += [rows(["l:port", "l:in or out", "l:unit", "l:what it is"], ports, "Ports")] if ports else []
+    parts += (
+        [rows(["l:parameter", "value", "l:unit", "l:what it is"], cells, "Parameters", own, most=30)] if cells else []
+    )
     parts += [part("remark", f"Source: {block.source}")] if block.source else []
     return card(type(block).__name__, sentence, *parts)
 

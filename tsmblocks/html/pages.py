@@ -16,9 +16,12 @@ from markupsafe import Markup, escape
 
 from tsmblocks.common.errors import without_controls
 from tsmblocks.common.palette import DARK, EITHER, LIGHT, css_variables
+from tsmblocks.common.version import __version__
 
 FLUSH_LEFT = "l:"
 """Prefix of the name of a column that is flush left."""
+HEADING = re.compile(r"<h([23])>(.*?)</h\1>", re.DOTALL)
+"""Heading of a section, or of a part of one."""
 
 
 @functools.cache
@@ -32,7 +35,8 @@ def _templates() -> Environment:
         lstrip_blocks=True,
     )
     environment.globals["style"] = style
-    environment.filters["sentence"] = sentence
+    environment.globals["version"] = __version__
+    environment.filters |= {"sentence": sentence, "headings": headings, "with_ids": with_ids, "width": width}
     environment.tests["flush_left"] = lambda name: name.startswith(FLUSH_LEFT)
     return environment
 
@@ -62,11 +66,45 @@ def style(name: str) -> Markup:
 
 
 def sentence(words: str) -> Markup:
-    """A sentence as HTML; a number and its percent sign stay together."""
+    """A sentence as HTML; a number and its percent sign stay together, as do both ends of an arrow."""
+    if isinstance(words, Markup):
+        return words
     kept = (
         str(escape(without_controls(words)))
         .replace(" %", "&nbsp;%")
         .replace(" ± ", "&nbsp;±&nbsp;")
-        .replace(" -&gt;", "&nbsp;→")
+        .replace(" -&gt; ", "&nbsp;→&nbsp;")
     )
     return Markup(kept)
+
+
+def headings(content: str) -> list[tuple[str, Markup]]:
+    """The sections of a page: id and words of their headings."""
+    return [(name, Markup(words)) for level, name, words in _identified(content) if level == "2"]
+
+
+def with_ids(content: str) -> Markup:
+    """The same content with an id in each heading."""
+    found = iter(_identified(content))
+
+    def heading(_: re.Match[str]) -> str:
+        level, name, words = next(found)
+        return f'<h{level} id="{name}">{words}</h{level}>'
+
+    return Markup(HEADING.sub(heading, content))
+
+
+def _identified(content: str) -> list[tuple[str, str, str]]:
+    """Level, id and words of each heading; of ids that would be the same the later ones have a number."""
+    found, counts = [], dict[str, int]()
+    for level, words in HEADING.findall(content):
+        name = "-".join(re.findall(r"[a-z0-9]+", re.sub(r"<[^>]*>|&\w+;", " ", words).lower())) or "part"
+        counts[name] = counts.get(name, 0) + 1
+        found.append((level, name if counts[name] == 1 else f"{name}-{counts[name]}", words))
+    return found
+
+
+def width(drawing: str) -> str:
+    """The width of a drawing in pixels, as it is written in it."""
+    found = re.search(r'<svg[^>]* width="([\d.]+)"', drawing)
+    return found.group(1) if found else "0"

@@ -13,6 +13,7 @@ from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.presentation import (
     DARKEST,
+    Profile,
     by_excess,
     digits,
     display_unit,
@@ -39,7 +40,7 @@ from tsmblocks.draw import to_svg
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.html import figures
 from tsmblocks.html.card import table_of
-from tsmblocks.html.pages import rendered, sentence
+from tsmblocks.html.pages import part, rendered, sentence
 
 MAX_TOTAL_POINTS = 12000
 """Points of one line in all traces together. Chosen: the page stays small."""
@@ -48,18 +49,21 @@ MAX_POINTS, MIN_POINTS = 500, 100
 LINE_BREAK = Markup("<br>")
 
 
-def page(diagnosis: Diagnosis) -> str:
-    """The whole page; the same diagnosis gives the same text."""
+def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
+    """The whole page; the same diagnosis gives the same text. ``back``: place and name of the page it belongs to."""
     segments, effects = diagnosis.segments, diagnosis.effects
+    colours = model_colours(segments)
     values = dict(
         title=f"Diagnosis: {diagnosis.diagram or 'diagram'}",
         diagnosis=diagnosis,
+        back=back,
+        seed=diagnosis.seed,
         experiments=diagnosis.experiments,
         in_order=segments_by_verdict(diagnosis),
         several=len(segments) > 1,
         status=STATUS.get(diagnosis.status, diagnosis.status),
-        gaps=[_gap(s, g) for s in segments for g in s.gaps],
-        colours=model_colours(segments),
+        gaps=[_gap(s, g, colours) for s in segments for g in s.gaps],
+        line_colours=line_colours(colours),
         disagreement=lambda segment: _disagreement(diagnosis, segment),
         darkest=f"{DARKEST:g}",
         rounds=[one for s in segments for one in _rounds(s, len(diagnosis.experiments))],
@@ -87,17 +91,12 @@ def page(diagnosis: Diagnosis) -> str:
 # ---- errors and residuals -------------------------------------------------------------------------
 
 
-def _gap(segment: Segment, gap: Gap) -> dict[str, Any]:
+def _gap(segment: Segment, gap: Gap, colours: Sequence[tuple[str, str]]) -> Markup:
     k, unit = display_unit(gap.unit)
-    return {
-        "chart": figures.gap_bars(segment, gap),
-        "output": gap.output,
-        "segment": segment.name,
-        "path": [(digits(k * v), name) for v, name in zip(gap.held_out, column_titles(segment), strict=True)],
-        "unit": unit,
-        "floor": digits(k * gap.noise_floor),
-        "floor_from": gap.given or gap.method,
-    }
+    path = [f"{digits(k * v)} ({name})" for v, name in zip(gap.held_out, column_titles(segment), strict=True)]
+    floor = f"noise floor {digits(k * gap.noise_floor)} {unit} ({gap.given or gap.method})"
+    caption = f"{gap.output} ({segment.name}): {' → '.join(path)} {unit}; {floor}."
+    return part("figure", figures.gap_bars(segment, gap), caption, [*colours, *figures.OF_BARS])
 
 
 def model_colours(segments: Sequence[Segment]) -> list[tuple[str, str]]:
@@ -111,6 +110,12 @@ def model_colours(segments: Sequence[Segment]) -> list[tuple[str, str]]:
     return [("before", "the model, something missing" if quiet else "the model"), *quiet]
 
 
+def line_colours(colours: Sequence[tuple[str, str]]) -> list[tuple[str, ...]]:
+    """What the colours of signals and residuals mean; lines of models in between are not drawn."""
+    measured, noise = figures.OF_LINES
+    return [measured, *((*one, "line") for one in colours if one[0] != "between"), noise]
+
+
 def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, Any]]:
     """Profiles of each output of a segment, the experiment that is worst, and the others to be opened."""
     count = sum(len(output_traces(s, g.output)) for s in diagnosis.segments for g in s.gaps)
@@ -121,7 +126,7 @@ def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, 
         traces = by_excess(output_traces(segment, gap.output))
         worst, *others = [_experiment(diagnosis, segment, gap, one, points) for one in traces]
         quiet = segment.verdict == "none"
-        drawn = [figures.residual_over_coordinate(one, explained=explained, quiet=quiet) for one in profiles if one]
+        drawn = [profile_figure(one, explained=explained, quiet=quiet) for one in profiles if one]
         yield {"name": gap.output, "profiles": drawn, "worst": worst, "others": others}
 
 
@@ -133,7 +138,16 @@ def _experiment(diagnosis: Diagnosis, segment: Segment, gap: Gap, trace: Trace, 
         charts.append(figures.signals_chart(trace, points, over, quiet=quiet))
         charts.append(figures.residual_chart(trace, gap.noise_floor, points, over, quiet=quiet))
     change = f"rms {before} → {after} {unit}" if before != after else f"rms {before} {unit}"
-    return {"experiment": trace.experiment, "output": trace.output, "rms": change, "charts": charts}
+    made = [part("figure", chart) for chart in charts]
+    return {"experiment": trace.experiment, "output": trace.output, "rms": change, "charts": made}
+
+
+def profile_figure(curve: Profile, *, explained: bool, quiet: bool) -> Markup:
+    """The mean residual along a coordinate, with what its colours mean."""
+    dots = [("after" if quiet else "before", f"mean residual{' before' if explained else ''}, ± standard error", "dot")]
+    if explained:
+        dots += [("after", "mean residual after", "dot"), ("after", "contribution of the effects", "dash")]
+    return part("figure", figures.residual_over_coordinate(curve, explained=explained, quiet=quiet), "", dots)
 
 
 # ---- candidates and diagrams ---------------------------------------------------------------------
@@ -195,7 +209,8 @@ def _own_numbers(segment: Segment) -> dict[str, Any]:
     head, *rows = parameter_rows(segment) or [()]
     cells = [head, *([sentence(text) for text in row] for row in rows)]
     cautions = [sentence(text) for text in segment.cautions]
-    return {"table": table_of(cells, {0, 4, 6}, None) if rows else "", "cautions": cautions}
+    caption = f"Parameters of {segment.name}"
+    return {"table": table_of(cells, {0, 4, 6}, caption, None) if rows else "", "cautions": cautions}
 
 
 # ---- limits, control, provenance --------------------------------------------------------------------

@@ -19,13 +19,16 @@ FILES = (".html", ".htm", ".json", ".toml", ".pdf", ".txt", ".md", ".csv")
 """File name endings that a folder is unlikely to have."""
 
 
-def written(diagnosis: Diagnosis, folder: str | Path) -> Path:
-    """Write the files of ``NAMES`` into a folder, which is made; return its path. Raises as ``folder_for`` does."""
+def written(diagnosis: Diagnosis, folder: str | Path, back: tuple[str, str] | None = None) -> Path:
+    """Write the files of ``NAMES`` into a folder, which is made; return its path. Raises as ``folder_for`` does.
+
+    The page links ``back`` to the page it belongs to (its place, its name).
+    """
     place = folder_for(folder)
     place.mkdir(parents=True, exist_ok=True)
     replace_file(place / NAMES[0], diagnosis.to_json())
     save(diagnosis.augmented, place / NAMES[1])
-    replace_file(place / NAMES[2], page(diagnosis))
+    replace_file(place / NAMES[2], page(diagnosis, back))
     return place
 
 

@@ -38,4 +38,9 @@ def batch_card(batch: Batch) -> str:
     failed = int(batch.failed.sum())
     notes = [f"Signals: {few(signals)}."] if signals else []
     notes += [f"{failed} sets have results that are not finite."] if failed else []
-    return card(f"Batch of {count} runs", "", rows(["set", *columns], cells, count=count), listed(notes))
+    return card(
+        f"Batch of {count} runs",
+        "",
+        rows(["set", *columns], cells, "Sets of parameters and results", count=count),
+        listed(notes),
+    )

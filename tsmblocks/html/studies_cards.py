@@ -45,7 +45,7 @@ def study_card(results: Results) -> str:
     return card(
         f"{results.title}: {results.kind}, {done}",
         f"over {few(results.parameters)}",
-        rows(["l:metric", *QUANTILES, "l:lowest at"], cells),
+        rows(["l:metric", *QUANTILES, "l:lowest at"], cells, "Quantiles of each metric over all runs"),
         part("charts", drawn),
         listed(notes),
     )

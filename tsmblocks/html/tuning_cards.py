@@ -31,7 +31,7 @@ def tuned_card(tuned: Tuned) -> str:
     return card(
         "Tuned",
         f"{named(tuned.objective)[0]} in the worst case: {first} before, {last} {unit} tuned",
-        rows(["l:parameter", "before", "tuned", "from", "to", "l:"], parameters),
-        rows(["l:case", "l:metric", "before", "tuned"], cells),
+        rows(["l:parameter", "before", "tuned", "from", "to", "l:remark"], parameters, "Parameters"),
+        rows(["l:case", "l:metric", "before", "tuned"], cells, "Metrics in each case"),
         listed(tuned.remarks),
     )
