@@ -6,7 +6,9 @@ from typing import Any
 
 from tsmblocks.blocks import MultiSine
 from tsmblocks.common.units import heading
+from tsmblocks.draw import to_svg
 from tsmblocks.files.shipped import shipped_folder
+from tsmblocks.html.pages import part
 from tsmblocks.model.block import is_reference
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.plots.panels import shown
@@ -29,12 +31,13 @@ PLOTTED = ("x_ref", "x_in", "x_out")
 def pages() -> dict[str, str]:
     """Every page by its path, the index among them."""
     found = uses.shipped()
-    rows = [(rst.link(f"/diagrams/{name}", name), rst.plain(d.title), rst.plain(d.source)) for name, d in found.items()]
+    cards = [(f"{name}.html", name, diagram.title, to_svg(diagram)) for name, diagram in found.items()]
     index = rst.page(
         rst.heading("Diagrams"),
-        "Files that come with the toolbox. ``tsm.load(NAME)`` and every command find them by name; a file of your own "
+        rst.indexed(("Shipped diagrams", "Ready-made diagrams", "Library of diagrams")),
+        "Files that come with the package. ``tsm.load(NAME)`` and every command find them by name; a file of your own "
         "is given by its path.",
-        rst.table(("Diagram", "What it is", "Source"), rows, (28, 40, 32)),
+        rst.html(part("gallery", cards)),
         rst.contents(found),
     )
     return {"diagrams/index": index, **{f"diagrams/{name}": page(name, diagram) for name, diagram in found.items()}}
