@@ -37,7 +37,7 @@ def pages() -> dict[str, str]:
         rst.indexed(("Shipped diagrams", "Ready-made diagrams", "Library of diagrams")),
         "Files that come with the package. ``tsm.load(NAME)`` and every command find them by name; a file of your own "
         "is given by its path.",
-        rst.html(part("gallery", cards)),
+        rst.html(part("gallery", cards, True)),
         rst.contents(found),
     )
     return {"diagrams/index": index, **{f"diagrams/{name}": page(name, diagram) for name, diagram in found.items()}}

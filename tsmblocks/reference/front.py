@@ -6,7 +6,7 @@ from tsmblocks.blocks import AsymmetricBoucWen
 from tsmblocks.html.pages import part
 from tsmblocks.reference import blocks, effects, examples, figures, gallery, rst, uses
 
-FIRST = "fig16_feedforward_feedback"
+FIRST = "fig09a_without_feedforward"
 PARTS = (
     "installation", "getting_started", "tutorials/index", "howto/index", "gallery/index", "concepts/index",
     "blocks/index", "diagrams/index", "effects/index", "python/index", "commands/index", "comparison",
@@ -24,10 +24,10 @@ def pages() -> dict[str, str]:
     index = rst.page(
         rst.heading("tsmblocks"),
         words,
-        rst.html(part("gallery", _begin())),
+        rst.html(part("gallery", _begin(), True)),
         rst.html(uses.linked_picture(uses.shipped()[FIRST], up="")),
-        f"The paper's Fig. 16 (:doc:`diagrams/{FIRST}`); each block leads to its page.",
-        rst.html(part("gallery", _parts())),
+        f"The paper's Fig. 9(a) (:doc:`diagrams/{FIRST}`); each block leads to its page.",
+        rst.html(part("gallery", _parts(), True)),
         rst.contents(PARTS),
     )
     return {"index": index}
@@ -41,7 +41,7 @@ def _begin() -> list[Card]:
     """Where a new user begins."""
     return [
         ("installation.html", "Installation", "Python 3.11 or newer and pip; no compiler.", ""),
-        ("getting_started.html", "Getting started", "A loop with backlash in ten lines.", ""),
+        ("getting_started.html", "Getting started", "A loop with backlash in a few lines.", ""),
         ("tutorials/index.html", "Tutorials", "From recordings to a compensator; your own block and effect.", ""),
         ("howto/index.html", "How-to guides", "Fit, diagnose, tune, draw a Bode plot, export C: one task a page.", ""),
     ]
@@ -57,7 +57,7 @@ def _parts() -> list[Card]:
         "effects": f"{len(uses.effects())} effects that a model may lack, their insertion points and their residuals.",
         "gallery": f"{len(list(gallery.listed()))} examples, with what they print and draw.",
         "diagrams": f"{len(uses.shipped())} files that come with the package: the paper's figures, plants for fits.",
-        "concepts": "How a diagram becomes equations, what a fixed step costs at a kink, how fits and diagnoses decide.",
+        "concepts": "How a diagram becomes equations, what a fixed step costs, how fits and diagnoses decide.",
         "python": "Every public name, by task, with its arguments.",
         "commands": "The commands of the terminal.",
     }

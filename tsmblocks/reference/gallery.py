@@ -25,6 +25,10 @@ PICTURES = "_pictures"
 ROW = re.compile(r"^\| \[(\w+)\]\(\w+\.py\) \| (.+) \| (\d+) s \|$")
 
 
+SPELT = (("Emps", "EMPS"), ("Python control", "python-control"))
+"""Names as their owners spell them."""
+
+
 @attrs.frozen
 class Example:
     """An example, as the list of examples describes it."""
@@ -42,7 +46,14 @@ class Example:
     @property
     def title(self) -> str:
         """Its name in words."""
-        return self.name.partition("_")[2].replace("_", " ").capitalize().replace("c export", "C export")
+        words = self.name.partition("_")[2].replace("_", " ").capitalize()
+        return next((words.replace(*pair) for pair in SPELT if pair[0] in words), words)
+
+    @property
+    def summary(self) -> str:
+        """What it shows, as a sentence."""
+        words = re.sub(r" \((?:pictures?|data)\)", "", self.words)
+        return f"{words[0].upper()}{words[1:]}.".replace("`", "")
 
     @property
     def quick(self) -> bool:
@@ -112,14 +123,12 @@ def _index(cards: dict[Example, str]) -> str:
     parts = [
         rst.heading("Gallery"),
         rst.indexed(("Examples", "Gallery", "Sample code", "Demo")),
-        "Examples, from first steps to measured machines, each with one idea. They are in the folder ``examples/`` of the "
-        "source code and run from any folder. Those that need measured data say where it is found.",
+        "Examples, from first steps to measured machines, each with one idea. They are in the folder ``examples/`` of "
+        "the source code and run from any folder. Those that need measured data say where it is found.",
     ]
     for section in dict.fromkeys(example.section for example in cards):
         shown = [
-            (f"{one.name}.html", one.title, rst.plain(one.words).replace("\\", ""), card)
-            for one, card in cards.items()
-            if one.section == section
+            (f"{one.name}.html", one.title, one.summary, card) for one, card in cards.items() if one.section == section
         ]
         parts += [rst.heading(section, 1), rst.html(part("gallery", shown))]
     return rst.page(*parts, rst.contents(f"/gallery/{example.name}" for example in cards))

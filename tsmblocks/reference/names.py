@@ -28,9 +28,11 @@ def pages() -> dict[str, str]:
     rows = [(rst.plain(other), rst.link(f"/blocks/{block}", block)) for other, block in names]
     page = rst.page(
         rst.heading("Find a block under its Simulink name"),
-        rst.indexed(("Other names", "Names in Simulink", "Migrate from Simulink", "Coming from Simulink", "Mux", "Bus")),
-        "Many blocks have the names of the field. Where another program uses another one, this table leads to the block; "
-        "so do the search, and the message where a name is unknown.",
+        rst.indexed(
+            ("Other names", "Names in Simulink", "Migrate from Simulink", "Coming from Simulink", "Mux", "Bus")
+        ),
+        "Many blocks have the names of the field. Where another program uses another one, this table leads to the "
+        "block; so do the search, and the message where a name is unknown.",
         rst.table(("There", "Here"), rows, (60, 40)),
         rst.heading("Beyond blocks", 1),
         rst.table(("There", "Here", "Page"), [(a, b, rst.link(c)) for a, b, c in BEYOND], (36, 36, 28)),

@@ -42,7 +42,7 @@ def way(parents: Mapping[str, str], page: str) -> list[str]:
     return list(upwards(page))[::-1]
 
 
-def _offer(app: Any, pagename: str, templatename: str, context: dict[str, Any], doctree: Any) -> None:
+def _offer(app: Any, pagename: str, _template: str, context: dict[str, Any], _doctree: Any) -> None:
     """Give the theme this tree in place of Sphinx's."""
     env, root = app.env, app.config.root_doc
     parents = {child: name for name, some in env.toctree_includes.items() for child in some}

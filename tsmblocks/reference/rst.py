@@ -85,7 +85,7 @@ def contents(pages: Iterable[str]) -> str:
 
 def indexed(words: Iterable[str]) -> str:
     """Words by which the search finds a page first; they do not show on it."""
-    entries = "".join(f"   single: ! {word}\n" for word in words)
+    entries = "".join(f"   ! single: {word}\n" for word in words)
     return f".. index::\n{entries}" if entries else ""
 
 

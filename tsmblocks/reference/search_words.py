@@ -54,7 +54,7 @@ def of_block(name: str) -> list[str]:
     given = (*OTHER_NAMES.get(name, ()), *BLOCKS.get(name, ()))
     owned = {word.casefold() for words in FAMILIES.values() for word in words}
     words = (spelt for word in (_in_words(name), *given) if word.casefold() not in owned for spelt in spellings(word))
-    return list(dict.fromkeys(word for word in words if word != name))
+    return list(dict.fromkeys((name, *words)))
 
 
 def _in_words(name: str) -> str:

@@ -48,7 +48,6 @@ SETTINGS: dict[str, Any] = {
     "copybutton_exclude": ".linenos, .gp, .go",
     "copybutton_selector": "div:not(.highlight-none) > div.highlight > pre",
     "autodoc_member_order": "bysource",
-    "python_maximum_signature_line_length": 110,
     "pygments_style": "default",
     "pygments_dark_style": "github-dark",
     "highlight_language": "none",
