@@ -44,6 +44,8 @@ def without_traces() -> Iterator[None]:
             yield
         finally:
             sys.argv = arguments
+            if drawn := sys.modules.get("matplotlib.pyplot"):
+                drawn.close("all")  # they can still be saved
             for name in set(REGISTRY) - set(before):
                 del REGISTRY[name]
 

@@ -92,7 +92,7 @@ def _write(source: Path, helps: Mapping[str, tuple[str, str]], progress: Callabl
     shutil.copytree(hand_written.FOLDER, source)
     pictures = source / gallery.PICTURES
     pictures.mkdir()
-    makers = (
+    makers: tuple[Callable[[], Mapping[str, str]], ...] = (
         front.pages, partial(hand_written.pages, pictures), partial(gallery.pages, pictures), blocks.pages, names.pages,
         diagrams.pages, effects.pages, python.pages, partial(python.commands, helps),
     )  # fmt: skip
