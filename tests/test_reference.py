@@ -1,12 +1,11 @@
 """The reference: every page is there, links lead somewhere, numbers are the blocks', and code shown was run."""
 
 import contextlib
-import io
 import itertools
+import json
 import math
 import re
 import sys
-import textwrap
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
@@ -26,11 +25,16 @@ from tsmblocks.html.block_facts import words
 from tsmblocks.html.mathml import mathml
 from tsmblocks.html.plain_formulas import LETTERS, plain
 from tsmblocks.model.block import leaves
-from tsmblocks.reference import blocks, examples, python, uses
+from tsmblocks.reference import blocks, examples, gallery, hand_written, navigation, python, search_words, uses
 from tsmblocks.reference import trace as tracing
 from tsmblocks.reference.trace import ATOM, COMPARE, LOOSE, PLUS, POWER, TIMES, Notation, listing
 
-CONCEPTS = Path(blocks.__file__).parent / "pages" / "concepts"
+PAGES = {
+    path.relative_to(hand_written.FOLDER).with_suffix("").as_posix(): path
+    for path in sorted(hand_written.FOLDER.rglob("*.rst"))
+}
+"""Pages that are written by hand."""
+WITHOUT_CODE = {"installation", "comparison"}
 BLOCKS = {name: cls for family in blocks.families().values() for name, cls in family.items()}
 LOADED = {("script", "src"), ("link", "href"), ("img", "src"), ("iframe", "src"), ("source", "src"), ("object", "data")}
 """Attributes whose addresses a browser fetches by itself."""
@@ -208,27 +212,54 @@ def test_examples_are_of_blocks_that_exist():
     assert set(blocks.FAMILY_WORDS) == set(blocks.families())
 
 
-def shown_code(path):
-    """Code of a page with what it says that is printed."""
-    pattern = r"\.\. code-block:: python\n\n((?:   .*\n|\n)+)(?:\.\. code-block:: none\n\n((?:   .*\n|\n)+))?"
-    return [
-        (textwrap.dedent(code), textwrap.dedent(said or "").strip())
-        for code, said in re.findall(pattern, path.read_text(encoding="utf-8"))
-    ]
+README = Path(__file__).parents[1] / "README.md"  # whose commands have a test of their own
 
 
-@pytest.mark.parametrize("path", [p for p in sorted(CONCEPTS.glob("*.rst")) if p.stem != "index"], ids=lambda p: p.stem)
-def test_code_of_a_concept_prints_what_the_page_says(path):
-    scope = {"__name__": "__main__"}
-    assert shown_code(path)
-    for code, said in shown_code(path):
-        printed = io.StringIO()
-        with contextlib.redirect_stdout(printed):
-            exec(compile(code, "page.py", "exec"), scope)
-        assert printed.getvalue().strip() == said
+def text_of(page):
+    return PAGES[page].read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if not page.endswith("index") and page not in WITHOUT_CODE])
+def test_code_of_a_page_prints_what_the_page_says(page):
+    code = hand_written.shown(text_of(page))
+    assert code
+    assert hand_written.executed(text_of(page))[0] == [said for _, said in code]
+    assert max(len(line) for piece, _ in code for line in piece.splitlines()) <= 115
+
+
+COMMANDS_SHOWN = sorted(
+    {line for page in PAGES for line in re.findall(r"^   (tsmblocks .*)$", text_of(page), re.M)}
+    - {*README.read_text("utf-8").splitlines()}
+)
+
+
+@pytest.mark.parametrize("line", COMMANDS_SHOWN)
+def test_commands_on_the_pages_run(line, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    rows = [f"{k / 20},{50 * math.sin(k / 20):.3f},{40 * math.sin(k / 20 - 0.5):.3f}" for k in range(260)]
+    (tmp_path / "sheath.csv").write_text("\n".join(["t [s], x_in [deg], x_out [deg]", *rows]))
+    assert main(line.split()[1:]) == 0
+    assert capsys.readouterr().out
+
+
+def test_figures_of_the_comparison_are_measured():
+    text = text_of("comparison")
+    lines = (Path(__file__).parent / "benchmarks" / "README.md").read_text("utf-8").splitlines()
+    printed = {
+        cells[0]: set(cells) for line in lines if len(cells := [c.strip() for c in line.strip("|").split("|")]) == 10
+    }
+    rows = re.findall(r"   \* - (.+ \d+\.\d+\.\d+)\n     - .+\n     - (.+)\n     - (.+)\n     - (.+)\n", text)
+    assert len(rows) == 8
+    for tool, *figures in rows:
+        assert set(figures) <= printed[tool]
+    assert f"     - {len(BLOCKS)}\n" in text
 
 
 # ---- the pages --------------------------------------------------------------------------------------
+
+
+CODE = ("pre", "code", "style", "script")
+"""Elements whose text is no prose."""
 
 
 class Html(HTMLParser):
@@ -237,9 +268,18 @@ class Html(HTMLParser):
     def __init__(self, text):
         super().__init__()
         self.links, self.loaded, self.anchors, self.rows, self.words = [], [], {""}, [], []
+        self.headings, self.pictures, self.prose, self.open_code = [], [], [], 0
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
+        self.open_code += tag in CODE
+        if re.fullmatch("h[1-6]", tag):
+            self.headings.append(int(tag[1]))
+        given = dict(attributes)
+        if tag == "img":
+            self.pictures.append(given.get("alt"))
+        if tag == "svg" and given.get("class") in ("block-diagram", "chart"):
+            self.pictures.append(given.get("aria-label"))
         for key, value in attributes:
             if (tag, key) in LOADED and ("rel", "search") not in attributes:
                 self.loaded.append(value)
@@ -252,16 +292,27 @@ class Html(HTMLParser):
         if tag in ("td", "th") and self.rows:
             self.rows[-1].append("")
 
+    def handle_endtag(self, tag):
+        self.open_code -= tag in CODE
+
     def handle_data(self, data):
         self.words.append(data)
+        if not self.open_code:
+            self.prose.append(data)
         if self.rows and self.rows[-1]:
             self.rows[-1][-1] += data
+
+
+DRAWN = "11_paper_feedback"
+"""The example that is run for its page here; the others have tests of their own."""
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reference")
-    assert main(["reference", "--out", str(folder)]) == 0  # a warning of Sphinx would be an error
+    with pytest.MonkeyPatch.context() as there:
+        there.setattr(gallery.Example, "quick", property(lambda one: one.name == DRAWN))
+        assert main(["reference", "--out", str(folder)]) == 0  # a warning of Sphinx would be an error
     return folder
 
 
@@ -278,7 +329,9 @@ def test_every_block_diagram_effect_command_and_public_name_has_its_place(site):
     assert pages("diagrams") == set(shipped_names())
     assert pages("effects") == set(uses.effects())
     assert pages("commands") == set(COMMANDS)
-    assert pages("concepts") == {path.stem for path in CONCEPTS.glob("*.rst")} - {"index"}
+    assert pages("families") == set(blocks.families())
+    assert pages("gallery") == {one.name for one in gallery.listed()}
+    assert all((site / f"{page}.html").is_file() for page in PAGES)
     said = {name for _, _, some in python.GROUPS.values() for name in some}
     modules = {name for some in python.MODULES.values() for name in some} | {"blocks"}
     assert said | (modules - {"effects", "testing"}) == set(tsm.__all__)
@@ -301,6 +354,150 @@ def test_links_lead_somewhere_and_nothing_is_loaded_from_elsewhere(site):
             assert target.is_file(), f"{path.name}: {address}"
             if target.suffix == ".html":
                 assert unquote(parts.fragment) in read(target).anchors, f"{path.name}: {address}"
+
+
+def test_pages_have_one_title_headings_in_order_and_words_for_pictures(site):
+    drawn = 0
+    for path in site.rglob("*.html"):
+        page = read(path)
+        assert page.headings.count(1) == 1 or path.name == "search.html", path  # a script writes its title
+        assert all(after <= before + 1 for before, after in itertools.pairwise(page.headings)), path
+        assert all(words and words.strip() for words in page.pictures), path
+        drawn += len(page.pictures)
+    assert drawn > 400
+    assert len(read(site / "gallery" / f"{DRAWN}.html").pictures) == 1
+
+
+MISSPELT = {
+    *(
+        "accross",
+        "agressive",
+        "alot",
+        "aproximate",
+        "begining",
+        "comparision",
+        "compensater",
+        "consistant",
+        "controler",
+    ),
+    *(
+        "dependant",
+        "derivate",
+        "diagramm",
+        "existance",
+        "explicitely",
+        "frequence",
+        "freqency",
+        "histeresis",
+        "hysterisis",
+    ),
+    *("independant", "lenght", "liniar", "occured", "occurence", "paramter", "paramater", "parametre"),
+    *("perfomance", "presicion", "recieve", "refered", "seperate", "simulatation", "succesful", "tolerence", "wich"),
+    *("behavior", "color", "center", "discretized", "normalized", "optimization's", "teh", "adress"),
+}
+"""Frequent slips, and American spellings where the package has British ones."""
+
+
+def test_no_word_is_misspelt(site):
+    for path in site.rglob("*.html"):
+        words = set(re.findall(r"[a-z']+", " ".join(read(path).prose).lower()))
+        assert not words & MISSPELT, f"{path.name}: {words & MISSPELT}"
+
+
+def test_arguments_are_listed_with_type_and_meaning(site):
+    words = " ".join(" ".join(read(site / "python" / "fits.html").words).split())
+    assert re.search(r"starts *:? *int, default 4 *Number of starting points", words)
+    assert re.search(r"window *:? *\(float, float\) or dict of str to these, optional", words)
+    for page in (site / "python").glob("*.html"):
+        assert not re.search(r"Parameters\s+-{4}|:param ", " ".join(read(page).words)), page
+
+
+SEARCHES = {
+    "howto/bode": ("Bode", "Bode plot", "phase margin", "Nyquist", "linearize", "describing function"),
+    "howto/names": ("coming from Simulink",),
+    "howto/subsystem": ("Subsystem",),
+    "howto/plot": ("scope", "plot", "to workspace"),
+    "howto/tune": ("PID tuning", "tune"),
+    "howto/study": ("Monte Carlo", "parameter sweep", "sweep parameters"),
+    "howto/export_c": ("C code", "code generation"),
+    "howto/guard": ("regression test", "pytest"),
+    "howto/fit": ("parameter estimation", "least squares"),
+    "howto/diagnose": ("unmodelled dynamics", "residual"),
+    "howto/continue": ("initial conditions", "steady state", "trim"),
+    "howto/step": ("solver", "step size", "ode4"),
+    "howto/recordings": ("CSV", "import data"),
+    "installation": ("install", "pip"),
+    "comparison": ("Simulink", "PathSim", "speed"),
+    "families/hysteresis": ("hysteresis",),
+    "families/friction": ("friction", "stick-slip", "stiction"),
+    "blocks/FirstOrderLag": ("low-pass", "low pass filter", "lowpass", "PT1"),
+    "blocks/DeadZone": ("deadband", "dead band", "dead zone", "dead-band"),
+    "blocks/Play": ("backlash", "gear backlash"),
+    "blocks/TransferFunction": ("Transfer Fcn", "transfer function"),
+    "blocks/ZeroOrderHold": ("Zero-Order Hold", "ZOH"),
+    "blocks/LookupTable": ("Lookup Table", "1-D Lookup Table"),
+    "blocks/RateLimit": ("Rate Limiter", "slew rate"),
+    "blocks/Delay": ("Transport Delay",),
+    "blocks/Saturation": ("saturation",),
+    "blocks/PIDController": ("PID Controller", "anti-windup"),
+    "blocks/DiscreteIntegrator": ("Discrete-Time Integrator",),
+    "blocks/StateSpace": ("State-Space",),
+    "blocks/StribeckFriction": ("Stribeck",),
+    "blocks/CoulombFriction": ("dry friction", "Coulomb friction"),
+    "blocks/SensorNoise": ("white noise", "Band-Limited White Noise"),
+    "blocks/UnitDelay": ("Unit Delay", "memory"),
+    "tutorials/block": ("custom block", "MATLAB Function", "S-Function"),
+    "tutorials/loop": ("python-control",),
+}
+"""Page -> what people type to find it."""
+
+
+@pytest.fixture(scope="module")
+def index(site):
+    text = (site / "searchindex.js").read_text(encoding="utf-8")
+    return json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
+
+
+def best(index, query):
+    """Pages with the highest score, as Sphinx's search computes it from titles, index entries and names of objects."""
+    typed, scores = query.lower().strip(), {}
+    for title, places in index["alltitles"].items():
+        if typed in title.lower() and len(typed) >= len(title) / 2:
+            for page, _ in places:
+                scores.setdefault(round(15 * len(typed) / len(title)) + (index["titles"][page] == title), set()).add(
+                    page
+                )
+    for entry, places in index["indexentries"].items():
+        if typed in entry and len(typed) >= len(entry) / 2:
+            for page, _, main_entry in places:
+                assert main_entry, entry  # the others come after all results
+                scores.setdefault(round(100 * len(typed) / len(entry)), set()).add(page)
+    return {index["docnames"][page] for page in scores[max(scores)]} if scores and max(scores) > 26 else set()
+
+
+@pytest.mark.parametrize("page", SEARCHES)
+def test_the_words_that_people_use_lead_to_the_page(page, index):
+    assert {query: best(index, query) for query in SEARCHES[page]} == {query: {page} for query in SEARCHES[page]}
+
+
+def test_words_of_the_search_are_of_families_and_blocks_that_exist():
+    assert set(search_words.FAMILIES) <= set(blocks.families())
+    assert set(search_words.BLOCKS) <= set(BLOCKS)
+
+
+def test_the_sidebar_lists_two_levels_and_the_way_to_the_open_page():
+    children = {"index": ["a", "b"], "a": ["a1", "a2"], "a1": ["deep"], "b": []}
+    names = ["a", "b", "a1", "a2", "deep"]
+    parents = {child: name for name, some in children.items() for child in some}
+    assert navigation.way(parents, "deep") == ["index", "a", "a1", "deep"]
+    titles = {name: f"<{name}>" for name in names}
+
+    def listed(path):
+        made = navigation.tree(children, titles, {name: f"{name}.html" for name in names}, path)
+        return re.findall(r'href="(\w+)\.html">&lt;', made), re.findall(r'current" href="(\w+)\.html', made)
+
+    assert listed(["index", "b"]) == (["a", "a1", "a2", "b"], ["b"])
+    assert listed(["index", "a", "a1"]) == (["a", "a1", "deep", "a2", "b"], ["a", "a1"])
 
 
 def test_numbers_on_the_pages_of_blocks_are_their_own(site):

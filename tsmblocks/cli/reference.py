@@ -1,7 +1,7 @@
-"""Build the reference as a folder of HTML that needs no network: blocks, diagrams, effects, concepts, Python, commands.
+"""Build the reference as a folder of HTML that needs no network: tutorials, how-to guides, gallery, blocks, Python.
 
-The page of a block is derived from its code. Needs Sphinx and its
-theme: pip install "tsmblocks[reference]".
+The pages of blocks, diagrams and effects are derived from their code; quick
+examples are run for theirs. Needs pip install "tsmblocks[reference]".
 
   tsmblocks reference --out reference
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from tsmblocks.cli import common, console
 
-HELP = "build the reference pages: blocks, diagrams, effects, concepts, Python, commands"
+HELP = "build the reference pages: tutorials, guides, gallery, blocks, effects, Python, commands"
 WIDTH = 78
 """Columns of the help of a command in its page."""
 

@@ -14,7 +14,7 @@ from tsmblocks.compiler.dependencies import structure_of
 from tsmblocks.files import dumps
 from tsmblocks.html import block_facts
 from tsmblocks.model.block import REGISTRY, Block, Field, leaves
-from tsmblocks.reference import examples, figures, rst, uses
+from tsmblocks.reference import examples, figures, rst, search_words, uses
 from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
 
 LETTERS = "A unit in italics, as *u*, is any unit, the same wherever the letter occurs."
@@ -51,24 +51,39 @@ def pages() -> dict[str, str]:
     """Every page by its path, the index among them."""
     found = families()
     made = {f"blocks/{name}": page(cls, list(some)) for some in found.values() for name, cls in some.items()}
-    return {"blocks/index": _index(found), **made}
+    several = {f"families/{family}": _family(family, some) for family, some in found.items()}
+    return {"blocks/index": _index(found), **several, **made}
 
 
 def _index(found: dict[str, dict[str, type[Block]]]) -> str:
     parts = [
         rst.heading("Blocks"),
-        "Every block of the toolbox, by family. The page of a block is written from the "
-        "block: its equations are those that are simulated, fitted, differentiated and exported. How to write "
-        "one of your own: :doc:`/python/blocks`.",
+        f"{sum(map(len, found.values()))} blocks, by family. The page of a block is written from the block: its "
+        "equations are those that are simulated, fitted, differentiated and exported. Under the name that another "
+        "program gives it: :doc:`/howto/names`. How to write one of your own: :doc:`/tutorials/block`.",
     ]
     for family, some in found.items():
-        rows = [
-            (rst.link(f"/blocks/{name}", name), rst.plain(cls.symbol), rst.words(block_facts.words(cls)[0]))
-            for name, cls in some.items()
-        ]
-        parts += [rst.heading(family.capitalize(), 1), FAMILY_WORDS.get(family, "")]
-        parts.append(rst.table(("Block", "Drawn as", "What it is"), rows, (25, 17, 58)))
-    return rst.page(*parts, rst.contents(sorted(name for some in found.values() for name in some)))
+        parts += [f"{rst.link(f'/families/{family}', family.capitalize())}: {FAMILY_WORDS[family]}", _listed(some)]
+    return rst.page(*parts, rst.contents(f"/families/{family}" for family in found))
+
+
+def _family(family: str, some: dict[str, type[Block]]) -> str:
+    """The page of a family: its blocks."""
+    return rst.page(
+        rst.heading(family.capitalize()),
+        rst.indexed(search_words.FAMILIES.get(family, ())),
+        FAMILY_WORDS[family],
+        _listed(some),
+        rst.contents(f"/blocks/{name}" for name in some),
+    )
+
+
+def _listed(some: dict[str, type[Block]]) -> str:
+    rows = [
+        (rst.link(f"/blocks/{name}", name), rst.plain(cls.symbol), rst.words(block_facts.words(cls)[0]))
+        for name, cls in some.items()
+    ]
+    return rst.table(("Block", "Drawn as", "What it is"), rows, (25, 17, 58))
 
 
 def page(cls: type[Block], family: list[str]) -> str:
@@ -78,6 +93,7 @@ def page(cls: type[Block], family: list[str]) -> str:
     assert isinstance(shown, Block)
     return rst.page(
         rst.heading(name),
+        rst.indexed(search_words.of_block(name)),
         inspect.cleandoc(cls.__doc__ or ""),
         f":Source: {rst.plain(block.source)}\n:In Python: ``from tsmblocks.blocks import {name}``\n"
         f':In a file: ``{{ type = "{name}" }}``',

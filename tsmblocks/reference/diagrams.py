@@ -6,7 +6,9 @@ from typing import Any
 
 from tsmblocks.blocks import MultiSine
 from tsmblocks.common.units import heading
+from tsmblocks.draw import to_svg
 from tsmblocks.files.shipped import shipped_folder
+from tsmblocks.html.pages import part
 from tsmblocks.model.block import is_reference
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.plots.panels import shown
@@ -22,6 +24,8 @@ DRIVE = {
 }
 """Source at the input of an open diagram on its page, by unit."""
 STOP, STEP = 20.0, 1e-3
+STIFF = ("sampled_position_loop",)
+"""Diagrams that are too fast for an explicit method at this step."""
 PLOTTED = ("x_ref", "x_in", "x_out")
 """Outputs that belong into one chart, where a diagram has them."""
 
@@ -29,12 +33,13 @@ PLOTTED = ("x_ref", "x_in", "x_out")
 def pages() -> dict[str, str]:
     """Every page by its path, the index among them."""
     found = uses.shipped()
-    rows = [(rst.link(f"/diagrams/{name}", name), rst.plain(d.title), rst.plain(d.source)) for name, d in found.items()]
+    cards = [(f"{name}.html", name, diagram.title, to_svg(diagram)) for name, diagram in found.items()]
     index = rst.page(
         rst.heading("Diagrams"),
-        "Files that come with the toolbox. ``tsm.load(NAME)`` and every command find them by name; a file of your own "
+        rst.indexed(("Shipped diagrams", "Ready-made diagrams", "Library of diagrams")),
+        "Files that come with the package. ``tsm.load(NAME)`` and every command find them by name; a file of your own "
         "is given by its path.",
-        rst.table(("Diagram", "What it is", "Source"), rows, (28, 40, 32)),
+        rst.html(part("gallery", cards, True)),
         rst.contents(found),
     )
     return {"diagrams/index": index, **{f"diagrams/{name}": page(name, diagram) for name, diagram in found.items()}}
@@ -50,7 +55,7 @@ def page(name: str, diagram: Diagram) -> str:
         f":At the terminal: ``tsmblocks run {name}{data}``",
         "Each block leads to its page.",
         rst.html(uses.linked_picture(diagram)),
-        rst.html(_chart(diagram)),
+        rst.html(_chart(name, diagram)),
         _edges(diagram),
         _blocks(diagram),
         _structure(diagram),
@@ -59,14 +64,14 @@ def page(name: str, diagram: Diagram) -> str:
     )
 
 
-def _chart(diagram: Diagram) -> str:
+def _chart(name: str, diagram: Diagram) -> str:
     driven = Diagram(
         title=diagram.title,
         blocks={"diagram": diagram, **{k: DRIVE[v.unit] for k, v in diagram.inports.items()}},
         wires=[f"{k} -> diagram.{k}" for k in diagram.inputs],
         outputs={**{k: k for k in diagram.inputs}, **{k: f"diagram.{k}" for k in diagram.outputs}},
     )
-    run = simulate(driven, stop=STOP, step=STEP)
+    run = simulate(driven, stop=STOP, step=STEP, method="sdirk4" if name in STIFF else "rk4")
     names = [k for k in driven.outputs if k in PLOTTED]
     if not set(names) & set(diagram.outputs):
         names = list(driven.outputs)

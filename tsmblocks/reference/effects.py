@@ -208,7 +208,7 @@ def _run(diagram: Diagram) -> Run:
     source = INPUTS[name]
     tones = zip(source.amplitudes, source.frequencies, source.phases, strict=True)
     u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
-    return simulate(diagram, inputs={name: (t, u)}, hold="cubic", stop=float(t[-1]), step=STEP)
+    return simulate(diagram, inputs={name: (t, u)}, hold="cubic", stop=float(t[-1]), step=STEP, check_step=False)
 
 
 def _scales(plant: Diagram, site: InsertionPoint) -> Scales:

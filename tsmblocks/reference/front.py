@@ -4,40 +4,63 @@ from __future__ import annotations
 
 from tsmblocks.blocks import AsymmetricBoucWen
 from tsmblocks.html.pages import part
-from tsmblocks.reference import effects, examples, figures, rst, uses
+from tsmblocks.reference import blocks, effects, examples, figures, gallery, rst, uses
 
-FIRST = "fig16_feedforward_feedback"
-PARTS = ("concepts", "blocks", "diagrams", "effects", "python", "commands")
+FIRST = "fig09a_without_feedforward"
+PARTS = (
+    "installation", "getting_started", "tutorials/index", "howto/index", "gallery/index", "concepts/index",
+    "blocks/index", "diagrams/index", "effects/index", "python/index", "commands/index", "comparison",
+)  # fmt: skip
+"""Pages of the sidebar, in its order."""
 
 
 def pages() -> dict[str, str]:
     """The first page."""
     words = (
-        "Block diagrams for mechanisms with friction, backlash and hysteresis: assemble a model and its controller "
-        "from blocks, run it at a fixed step, fit it to recordings, find effects that it lacks, compensate them."
+        "Block diagrams in Python for mechanisms with friction, backlash and hysteresis: assemble a model and its "
+        "controller from blocks, run it compiled at a fixed step, fit it to recordings, find effects that it lacks, "
+        "compensate them."
     )
     index = rst.page(
         rst.heading("tsmblocks"),
         words,
+        rst.html(part("gallery", _begin(), True)),
         rst.html(uses.linked_picture(uses.shipped()[FIRST], up="")),
-        f"The paper's Fig. 16 (:doc:`diagrams/{FIRST}`); each block leads to its page.",
-        rst.html(_cards()),
-        rst.contents(f"{name}/index" for name in PARTS),
+        f"The paper's Fig. 9(a) (:doc:`diagrams/{FIRST}`); each block leads to its page.",
+        rst.html(part("gallery", _parts(), True)),
+        rst.contents(PARTS),
     )
     return {"index": index}
 
 
-def _cards() -> str:
+Card = tuple[str, str, str, str]
+"""Address, title, words and picture."""
+
+
+def _begin() -> list[Card]:
+    """Where a new user begins."""
+    return [
+        ("installation.html", "Installation", "Python 3.11 or newer and pip; no compiler.", ""),
+        ("getting_started.html", "Getting started", "A loop with backlash in a few lines.", ""),
+        ("tutorials/index.html", "Tutorials", "From recordings to a compensator; your own block and effect.", ""),
+        ("howto/index.html", "How-to guides", "Fit, diagnose, tune, draw a Bode plot, export C: one task a page.", ""),
+    ]
+
+
+def _parts() -> list[Card]:
     run = examples.run(AsymmetricBoucWen)
     loop = figures.over_another(run["x"], run["y"], ("motor end [rad]", "tool end [rad]"))
     gap = effects.traces(effects.placed(uses.effects()["backlash"][0])).over_position()
+    count = sum(map(len, blocks.families().values()))
     words = {
-        "blocks": "Equations, ports, numbers with units and bounds, an example of each.",
+        "blocks": f"{count} blocks with equations, ports, parameters, and an example of each.",
         "effects": f"{len(uses.effects())} effects that a model may lack, their insertion points and their residuals.",
-        "diagrams": f"{len(uses.shipped())} files that come with the toolbox: the paper's figures, plants for fits.",
-        "concepts": "How a diagram becomes equations, what a fixed step means at a kink, how fits and diagnoses "
-        "decide, and when not to believe them.",
-        "python": "Every public name, by task.",
+        "gallery": f"{len(list(gallery.listed()))} examples, with what they print and draw.",
+        "diagrams": f"{len(uses.shipped())} files that come with the package: the paper's figures, plants for fits.",
+        "concepts": "How a diagram becomes equations, what a fixed step costs, how fits and diagnoses decide.",
+        "python": "Every public name, by task, with its arguments.",
         "commands": "The commands of the terminal.",
     }
-    return part("contents", words, {"blocks": loop, "effects": gap})
+    pictures = {"blocks": loop, "effects": gap}
+    found = [(f"{k}/index.html", k.capitalize(), text, pictures.get(k, "")) for k, text in words.items()]
+    return [*found, ("comparison.html", "Beside other tools", "Features and speed, measured.", "")]

@@ -68,6 +68,11 @@ def html(text: str) -> str:
     return f".. raw:: html\n\n{textwrap.indent(text, '   ')}\n"
 
 
+def image(path: str, words: str) -> str:
+    """A picture, and what it shows in words."""
+    return f".. image:: {path}\n   :alt: {words}\n"
+
+
 def formula(latex: str) -> str:
     """A displayed formula."""
     return f".. math::\n\n{textwrap.indent(latex, '   ')}\n"
@@ -76,6 +81,12 @@ def formula(latex: str) -> str:
 def contents(pages: Iterable[str]) -> str:
     """What lies below a page, in its order, for the navigation; it does not show on the page itself."""
     return "\n".join([".. toctree::\n   :hidden:\n", *(f"   {name}" for name in pages)]) + "\n"
+
+
+def indexed(words: Iterable[str]) -> str:
+    """Words by which the search finds a page first; they do not show on it."""
+    entries = "".join(f"   ! single: {word}\n" for word in words)
+    return f".. index::\n{entries}" if entries else ""
 
 
 def page(*parts: str) -> str:

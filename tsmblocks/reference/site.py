@@ -2,33 +2,40 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import re
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.version import __version__
-from tsmblocks.reference import blocks, diagrams, effects, front, python
+from tsmblocks.reference import blocks, diagrams, effects, front, gallery, hand_written, names, python
 
-HAND_WRITTEN = Path(__file__).parent / "pages"
 SETTINGS: dict[str, Any] = {
     "project": "tsmblocks",
     "version": __version__,
     "release": __version__,
     "copyright": "",
-    "extensions": ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "tsmblocks.html.mathml"],
-    "napoleon_google_docstring": False,
-    "napoleon_use_ivar": True,  # attributes that are properties too would be described twice
-    "napoleon_use_rtype": False,
+    "extensions": [
+        "sphinx.ext.autodoc",
+        "numpydoc",
+        "sphinx_copybutton",
+        "tsmblocks.html.mathml",
+        "tsmblocks.reference.navigation",
+    ],
+    "numpydoc_show_class_members": False,
+    "autodoc_typehints": "none",  # the lists of arguments have the types
     "html_theme": "furo",
     "html_title": f"tsmblocks {__version__}",
     "html_math_renderer": "mathml",
     "html_static_path": ["_static"],
     "html_css_files": ["tsmblocks.css"],
+    "html_use_index": False,  # its entries serve the search
     "html_copy_source": False,
     "html_show_sourcelink": False,
     "html_show_copyright": False,
@@ -38,8 +45,9 @@ SETTINGS: dict[str, Any] = {
     "smartquotes": False,
     "templates_path": [],
     "nitpicky": False,
+    "copybutton_exclude": ".linenos, .gp, .go",
+    "copybutton_selector": "div:not(.highlight-none) > div.highlight > pre",
     "autodoc_member_order": "bysource",
-    "python_maximum_signature_line_length": 110,
     "pygments_style": "default",
     "pygments_dark_style": "github-dark",
     "highlight_language": "none",
@@ -54,9 +62,8 @@ class PagesError(TsmError):
 def need_sphinx() -> None:
     """Raise TsmError, with the way out, where the pages cannot be built; before long work rather than after it."""
     try:
-        import furo  # noqa: F401
-        import latex2mathml  # noqa: F401
-        import sphinx  # noqa: F401
+        for name in ("furo", "latex2mathml", "matplotlib", "numpydoc", "sphinx", "sphinx_copybutton"):
+            importlib.import_module(name)
     except ImportError as error:
         raise TsmError(
             f'The reference needs {error.name}, which is not installed: pip install "tsmblocks[reference]"'
@@ -82,19 +89,22 @@ def build(
 
 
 def _write(source: Path, helps: Mapping[str, tuple[str, str]], progress: Callable[[str, float], None]) -> int:
-    makers = (front.pages, blocks.pages, diagrams.pages, effects.pages, python.pages, lambda: python.commands(helps))
-    shutil.copytree(HAND_WRITTEN, source)
+    shutil.copytree(hand_written.FOLDER, source)
+    pictures = source / gallery.PICTURES
+    pictures.mkdir()
+    makers: tuple[Callable[[], Mapping[str, str]], ...] = (
+        front.pages, partial(hand_written.pages, pictures), partial(gallery.pages, pictures), blocks.pages, names.pages,
+        diagrams.pages, effects.pages, python.pages, partial(python.commands, helps),
+    )  # fmt: skip
     settings = "\n".join(f"{key} = {value!r}" for key, value in SETTINGS.items())
     (source / "conf.py").write_text(settings + "\n", encoding="utf-8", newline="\n")
-    count = len(list(source.rglob("*.rst")))
     for place, maker in enumerate(makers):
         progress("writing pages", place / len(makers))
         for name, text in maker().items():
             path = source / f"{name}.rst"
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8", newline="\n")
-            count += 1
-    return count
+    return len(list(source.rglob("*.rst")))
 
 
 def _sphinx(source: Path, out: Path, doctrees: Path) -> None:

@@ -6,6 +6,7 @@ import functools
 import re
 from collections.abc import Iterator
 
+import tsmblocks.blocks as public_blocks
 from tsmblocks.draw import to_svg
 from tsmblocks.effects.catalogue import catalogue
 from tsmblocks.effects.effect import Effect
@@ -55,7 +56,7 @@ def linked_picture(diagram: Diagram, up: str = "../") -> str:
 
     def linked(found: re.Match[str]) -> str:
         block = diagram.blocks.get(found[2])
-        if not isinstance(block, Block):
+        if type(block) is not getattr(public_blocks, type(block).__name__, None):  # a diagram, or a user's block
             return found[0]
         return f'<a href="{up}blocks/{type(block).__name__}.html">{found[0]}</a>'
 
