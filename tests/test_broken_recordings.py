@@ -298,7 +298,10 @@ BROKEN = {
         matrix(3, element(9, bytes(8))),
         "type 9 and 8 bytes is found where data are expected",
     ),
-    "a class of its own with half its names": (opaque(element(1, b"MCOS"), TWO), "type 9 and 16 bytes stands where"),
+    "a class of its own with half its names": (
+        opaque(element(1, b"MCOS"), TWO),
+        "type 9 and 16 bytes is found where data",
+    ),
 }
 
 

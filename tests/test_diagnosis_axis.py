@@ -74,7 +74,7 @@ def test_the_delay_that_is_missing_is_named(samples):
     (effect,) = found.effects
     assert effect.name == "dead_time"
     assert effect.parameters["time"].value == pytest.approx(LATE, abs=0.0007)
-    assert "ahead of" not in found.sentence
+    assert " leads " not in found.sentence
 
 
 def test_play_and_delay_that_are_missing_are_named_with_their_sizes(samples):
@@ -85,6 +85,6 @@ def test_play_and_delay_that_are_missing_are_named_with_their_sizes(samples):
     assert first.parameters["half_width"].value == pytest.approx(GAP, rel=0.003)
     assert second.parameters["time"].value == pytest.approx(LATE, abs=0.0007)
     assert found.segments[0].gaps[0].held_out[-1] < 1.02 * NOISE
-    assert "ahead of" not in found.sentence
+    assert " leads " not in found.sentence
     starts = [v for own in found.start_states.values() for k, v in own.items() if k == "backlash.m"]
     assert np.max(np.abs(starts)) < 100  # mm: on the way that the screw went, not thrown anywhere

@@ -87,7 +87,7 @@ def test_a_resonance_is_given_by_frequency_and_damping_and_a_lag_in_milliseconds
     assert sizes(effect("dead_time"), time=0.012) == pytest.approx({"delay": 12.0})
     assert sizes(effect("first_order_lag"), time_constant=0.05) == pytest.approx({"time constant": 50.0})
     drift = sizes(effect("drift"), rate=0.001, curve=1e-5)
-    assert drift == pytest.approx({"total drift": 0.001 * 20 + 1e-5 * 400, "initial drift": 0.06})
+    assert drift == pytest.approx({"total drift": 0.001 * 20 + 1e-5 * 400, "initial drift rate": 0.06})
 
 
 def test_units_are_those_of_the_signals():

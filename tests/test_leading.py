@@ -49,7 +49,7 @@ def exchange_effects():
 
 def test_a_fit_to_columns_that_were_exchanged_says_so():
     found = tsm.fit(tsm.load("tendon_sheath_play"), exchange_effects())
-    (words,) = [text for text in found.notes if "ahead" in text]
+    (words,) = [text for text in found.notes if " leads " in text]
     assert words.startswith("run: x_out leads x_in by 0.0")
     assert words.endswith(" s, and the model has no such lead: were the two exchanged, or was one recorded late?")
 
@@ -59,7 +59,7 @@ def test_a_diagnosis_of_columns_that_were_exchanged_says_so_beside_the_name():
         tsm.load("tendon_sheath_play"), exchange_effects(), noise_floor="0.003 rad", effects=["backlash", "creep"]
     )
     assert found.verdict != "none"
-    assert " But x_out runs 0.0" in found.sentence
+    assert " But x_out leads x_in by 0.0" in found.sentence
     assert found.sentence.endswith("were the two exchanged, or was one recorded late?")
 
 

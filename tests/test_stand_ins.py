@@ -46,7 +46,7 @@ def test_a_gain_that_wanders_is_proportional_to_the_position_by_a_factor_that_va
     records = recordings(1, lambda *_: 0.0), recordings(1, wandering)
     error = np.mean([np.mean((b["x_out"] - a["x_out"]) ** 2) for a, b in zip(*map(dict.values, records), strict=True)])
     assert 0.3 < found.share * (1 + error / SIGMA**2) / (error / SIGMA**2) < 1.1
-    assert f"varies over some {found.window:.2g} s" in found.words
+    assert f"varies over about {found.window:.2g} s" in found.words
 
 
 @pytest.mark.parametrize("kind", ["white", "heavy", "slow", "very slow"])

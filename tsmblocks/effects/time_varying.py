@@ -127,7 +127,7 @@ DRIFT = Effect(
     excites="a long session on one clock",
     confused=("jump", "creep", "parameter_change"),
     separates="the first experiment repeated at the end",
-    sizes=(Size("total drift", _whole_drift), in_proportion("initial drift", "rate", "{u}/min", MINUTE)),
+    sizes=(Size("total drift", _whole_drift), in_proportion("initial drift rate", "rate", "{u}/min", MINUTE)),
 )
 JUMP = Effect(
     "jump",
