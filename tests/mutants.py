@@ -61,6 +61,16 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         DECISION,
         "min((away[side] for side in sides)) <= tolerance -> min((away[side] for side in sides)) < tolerance",
     ): COMPUTED,
+    (
+        DECISION,
+        "before - one.loss >= SIMPLER_EFFECT_SHARE * (before - named.loss) -> before - one.loss > "
+        "SIMPLER_EFFECT_SHARE * (before - named.loss)",
+    ): COMPUTED,
+    (
+        DECISION,
+        "largest[-1] > CONCENTRATED_RATIO * -min(largest[0], 0.0) -> largest[-1] >= "
+        "CONCENTRATED_RATIO * -min(largest[0], 0.0)",
+    ): COMPUTED,
     (DECISION, "repr=False -> repr=True"): "how a value is shown decides nothing",
     (DECISION, "np.maximum(spread, 1e-12) -> np.maximum(spread, 2e-12)"): "both are far below any scatter",
 }
