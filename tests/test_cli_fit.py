@@ -184,7 +184,7 @@ REFUSED = [
     (["+", "--window", "5"],
      "argument --window: '5' is not START:STOP in s, such as 2.5:10 or 5:. 'tsmblocks fit --help' shows what it takes."),
     (["+", "--segments", "3"],
-     "--segments 3 (multiple shooting) goes with --method ipopt, not with 'gauss-newton'."),
+     "--segments 3 (multiple shooting) needs --method ipopt, got 'gauss-newton'."),
     (["+", "--method", "newton"], "there is no method 'newton' of fitting. Did you mean 'gauss-newton'?"),
     (["+", "--out", "f.csv"], "'f.csv' must end in .toml."),
     (["+", "--out", "nowhere/f.toml"], "there is no folder 'nowhere' to write f.toml into."),
