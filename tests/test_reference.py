@@ -412,6 +412,12 @@ def test_arguments_are_listed_with_type_and_meaning(site):
         assert not re.search(r"Parameters\s+-{4}|:param ", " ".join(read(page).words)), page
 
 
+def test_pages_show_the_version_and_offer_to_copy_code(site):
+    page = read(site / "getting_started.html")
+    assert f"tsmblocks {tsm.__version__}" in " ".join(page.words)
+    assert any("copybutton.js" in address for address in page.loaded)
+
+
 SEARCHES = {
     "howto/bode": ("Bode", "Bode plot", "phase margin", "Nyquist", "linearize", "describing function"),
     "howto/names": ("coming from Simulink",),
@@ -426,6 +432,7 @@ SEARCHES = {
     "howto/continue": ("initial conditions", "steady state", "trim"),
     "howto/step": ("solver", "step size", "ode4"),
     "howto/recordings": ("CSV", "import data"),
+    "howto/metrics": ("overshoot", "settling time", "rise time", "tracking error"),
     "installation": ("install", "pip"),
     "comparison": ("Simulink", "PathSim", "speed"),
     "families/hysteresis": ("hysteresis",),
