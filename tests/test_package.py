@@ -39,11 +39,11 @@ def files(*folders):
     return {p.relative_to(ROOT).as_posix() for p in found if "__pycache__" not in p.parts}
 
 
-def test_the_wheel_holds_the_package_and_the_diagrams_and_nothing_else(wheel):
+def test_the_wheel_holds_the_package_its_diagrams_and_examples_and_nothing_else(wheel):
     names = set(wheel.namelist())
     about = {f"{INFO}/{name}" for name in ("METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE")}
-    diagrams = {f"tsmblocks/_{path}" for path in files("diagrams")}
-    assert names == files("tsmblocks") | diagrams | about
+    carried = {f"tsmblocks/_{path}" for path in files("diagrams", "examples")}
+    assert names == files("tsmblocks") | carried | about
     assert {"tsmblocks/py.typed", "tsmblocks/__init__.pyi", "tsmblocks/_diagrams/motor_linear.toml"} <= names
 
 

@@ -90,7 +90,7 @@ def _with_pictures(text: str, path: Path, folder: Path) -> str:
         if isinstance(value, Diagram):
             return rst.html(uses.linked_picture(value, up=up))
         name = f"{path.stem}_{found[1]}.png"
-        value.savefig(folder / name, dpi=SHARP)
+        value.savefig(folder / name, dpi=SHARP, bbox_inches="tight")
         return rst.image(f"/{folder.name}/{name}", words)
 
     return DRAWN.sub(picture, text)
