@@ -207,6 +207,7 @@ def _write_paper(cases: list[Case], folder: Path) -> None:
 def _plot_paper(cases: list[Case], folder: Path) -> None:
     from tsmblocks.demo import paper
     from tsmblocks.plots import plot_loop, plot_tracking
+    from tsmblocks.plots.panels import entitle
 
     for case in (one for one in cases if one.runs):
         labelled = {paper.DIAGRAMS[name]: run for name, run in case.runs.items()}
@@ -217,7 +218,7 @@ def _plot_paper(cases: list[Case], folder: Path) -> None:
             late = run.t >= case.settled
             figure = plot_loop(run["x_in"][late], run["x_out"][late], panel, label=label)
             panel = figure.axes[0]
-        figure.axes[0].set_title(case.words, loc="left", fontsize=11)
+        entitle(figure, case.words)
         replace_figure(folder / f"loop_{case.key}.png", figure, dpi=150)
 
 
