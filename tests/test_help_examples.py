@@ -61,7 +61,7 @@ def folder(tmp_path_factory):
             write(made / f"{name}.csv", [t, *degrees], "t [s],x_in [deg],x_out [deg]")
             write(made / f"{name}.txt", [t, degrees[0], 0 * t, degrees[1]])
     u = 6 * np.sin(3 * t)
-    run = tsm.simulate(drive(), inputs={"u": (t, u)}, stop=t[-1], step=0.02)
+    run = tsm.simulate(drive(), inputs={"u": (t, u)}, stop=t[-1], step=0.005, every=4)
     noisy = [run["v"] + noise.normal(0.0, 0.005, len(t)), run["x"] + noise.normal(0.0, 2e-4, len(t))]
     write(made / "run.csv", [t, u, *noisy], "t [s],u [V],v [V],x [rad]")
     write(made / "drive.csv", [t, u, noisy[1]], "t [s],u [V],angle [rad]")

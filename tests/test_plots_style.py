@@ -1,6 +1,7 @@
 """The style of figures: sizes, texts, units and scales of axes; what a user has set stays. Never pixels."""
 
 import os
+import pickle
 import subprocess
 import sys
 
@@ -152,9 +153,10 @@ def test_a_script_without_a_screen_saves_its_figure(backend, first, tmp_path):
 def test_a_notebook_shows_a_figure_once(values, monkeypatch):
     """The figure that a cell ends with is shown; one of pyplot would be shown again at the end of the cell."""
     monkeypatch.setitem(sys.modules, "ipykernel", sys)
-    run = next(value for value in values if isinstance(value, tsm.Run))
-    run.plot()
+    figure = next(value for value in values if isinstance(value, tsm.Run)).plot()
     assert pyplot.get_fignums() == []
+    assert figure._repr_png_().startswith(b"\x89PNG")  # with no backend of pyplot as well
+    assert pickle.loads(pickle.dumps(figure)).get_figwidth() == 7.0
 
 
 # ---- axes as people read them

@@ -1,8 +1,10 @@
 """List the blocks by family, or print the card of one: equation, source, ports, parameters.
 
-tsmblocks blocks
-tsmblocks blocks Play
-tsmblocks blocks AsymmetricBoucWen --json
+The card of a block has its units and defaults.
+
+  tsmblocks blocks
+  tsmblocks blocks Play
+  tsmblocks blocks AsymmetricBoucWen --json
 """
 
 from __future__ import annotations

@@ -1,7 +1,9 @@
 """Load and compile diagram files: one line on each valid file, every fault of each other file.
 
-tsmblocks check my_drive.toml motor_linear
-tsmblocks check my_drive.toml --refuse-loops --json
+Nothing is run or written.
+
+  tsmblocks check my_drive.toml motor_linear
+  tsmblocks check my_drive.toml --refuse-loops --json
 """
 
 from __future__ import annotations

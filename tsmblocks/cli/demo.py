@@ -142,6 +142,7 @@ def _plot_paper(cases: list[Case], folder: Path) -> list[str]:
     """Plot the tracking error and the loop of each signal; the names of the files."""
     from tsmblocks.demo import paper
     from tsmblocks.plots import plot_loop, plot_tracking
+    from tsmblocks.plots.panels import entitle
 
     run = [one for one in cases if one.runs]
     for case in run:
@@ -153,7 +154,7 @@ def _plot_paper(cases: list[Case], folder: Path) -> list[str]:
             late = made.t >= case.settled
             figure = plot_loop(made["x_in"][late], made["x_out"][late], panel, label=label)
             panel = figure.axes[0]
-        figure.axes[0].set_title(case.words, loc="left", fontsize=11)
+        entitle(figure, case.words)
         replace_figure(folder / f"loop_{case.key}.png", figure, dpi=150)
     return [f"{kind}_{case.key}.png" for case in run for kind in ("tracking", "loop")]
 

@@ -1,6 +1,8 @@
 """List the ready-made diagrams, by the names that every command takes in place of a file.
 
-tsmblocks diagrams
+Each may be given wherever a command takes a diagram.
+
+  tsmblocks diagrams
 """
 
 from __future__ import annotations

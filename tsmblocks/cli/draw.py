@@ -1,7 +1,9 @@
 """Draw a diagram to an SVG, PNG or PDF picture, or as Mermaid text (.mmd).
 
-tsmblocks draw fig16_feedforward_feedback --highlight compensator
-tsmblocks draw my_drive.toml --out my_drive.png --symbols
+The layout is automatic; loops without a state are marked.
+
+  tsmblocks draw fig16_feedforward_feedback --highlight compensator
+  tsmblocks draw my_drive.toml --out my_drive.png --symbols
 """
 
 from __future__ import annotations

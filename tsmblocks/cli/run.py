@@ -6,7 +6,7 @@ Outputs that were measured too are compared: the residual, measurement less run,
 measurement is plotted with the run.
 
   tsmblocks run fig16_feedforward_feedback --set pid.kp=2 --plot run.png
-  tsmblocks run motor_linear --data drive.csv --map x=angle --out run.csv
+  tsmblocks run motor_linear --data drive.csv --map x=angle --out angle.csv
   tsmblocks run my_drive.toml --data run.csv --step 0.0005 --json
 """
 

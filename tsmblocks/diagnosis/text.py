@@ -26,7 +26,7 @@ from tsmblocks.fitting.text import estimate_rows
 MAX_NAME_LENGTH, MAX_HEADING_LENGTH = 28, 14
 """Characters at which a name in a table is cut, and the heading of a column of numbers, in lines of 80. Chosen."""
 NUMBERS_WIDTH = 32
-"""Characters of the other columns of a table of candidates, whose names and wires have what is left. Measured."""
+"""Characters of the other columns of a table of candidates, whose names and wires have the rest of a line. Measured."""
 MAX_ROWS = 8
 """Candidates of a round that are reported. Chosen."""
 MAX_ROWS_UNNAMED = 3

@@ -77,5 +77,5 @@ def _chart(one: Difference, before: str = "") -> str:
     words = f"{one.output} of {one.experiment} over time, measured and simulated"
     above = time_chart(one.t, [("measured", measured), ("c0", simulated)], title, words)
     words = f"residual of {one.output} in {one.experiment} over time"
-    below = time_chart(one.t, [("c3", residual)], heading("residual", unit), words, zero=True)
+    below = time_chart(one.t, [("c0", residual)], heading("residual", unit), words, zero=True)
     return part("charts", (above, below)) + part("key", [("measured", "measured"), ("c0", "simulated")])

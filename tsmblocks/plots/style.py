@@ -6,7 +6,7 @@ import functools
 import inspect
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import Any
 from weakref import WeakSet
@@ -122,19 +122,17 @@ def width_of(width: float | None) -> float:
 
 def new_figure(width: float, height: float) -> Any:
     """A figure of a size [in]: of pyplot in a script, so that ``plt.show()`` finds it, else of its own."""
-    from matplotlib.figure import Figure
+    from tsmblocks.plots.notebook import NotebookFigure
 
     made: dict[str, Any] = {"figsize": (width, height), "layout": "constrained"}
+    figure = None
     notebook = "ipykernel" in sys.modules  # it shows a figure that is returned, and would show one of pyplot twice
     if not notebook and ("matplotlib.pyplot" in sys.modules or _OF_A_SCRIPT.get()):
-        try:
+        with suppress(ImportError):  # the backend that is set needs a screen, and there is none
             import matplotlib.pyplot as plt
 
             figure = plt.figure(**made)
-        except ImportError:  # the backend that is set needs a screen, and there is none
-            figure = Figure(**made)
-    else:
-        figure = Figure(**made)
+    figure = figure or NotebookFigure(**made)
     _MADE.add(figure)
     return figure
 
