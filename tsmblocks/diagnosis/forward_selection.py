@@ -10,6 +10,7 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.base_search import better_base
+from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, known_starts
 from tsmblocks.diagnosis.candidates import Candidate, candidates, replacement_candidates, wire_signals
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import (
@@ -92,7 +93,7 @@ class SearchRound:
 
     ``losses`` (B,) and ``experiment_losses`` (B,) are those of the base, by folds and by whole experiments.
     ``repeated`` is the same search repeated with all effects that were named later in the model. ``single_effect`` is
-    True where the round searched for one given effect only.
+    True where the round searched for one given effect only; ``repeated`` then is the search that named it.
     """
 
     base: Model
@@ -138,22 +139,27 @@ class SearchContext:
         return self.noise.low
 
 
-def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
+def search_round(
+    model: Model, shrinkage: Shrinkage, search: SearchContext, known: FittedCandidate | None = None
+) -> SearchRound:
     """Screen every effect on every admissible wire of a model, fit the best candidates, and decide by held-out losses.
 
-    ``shrinkage`` is that of the effects in the model already.
+    ``shrinkage`` is that of the effects in the model already. ``known`` is an effect in a model with others: its fit
+    starts at the parameters there as well.
     """
     scores = _screened(model, shrinkage, search)
     chosen = _worth_fitting(scores, model, search)
     models = []
     for k, one in enumerate(chosen):
         search.progress("fitted", k, len(chosen))
-        ends = [optimized(one.problem, one.setup, start) for start in one.starts]
+        starts = [*one.starts, *known_starts(one, known)]
+        ends = [optimized(one.problem, one.setup, start) for start in starts]
         models.append(min(ends, key=lambda m: m.mean_square))
     least = min((one.mean_square for one in models), default=0.0)
     models = [refine_memories(m, 1) if m.mean_square <= MEMORY_SEARCH_RATIO * least else m for m in models]
     limits, by_motion = critical_gains(scores), functools.cache(lambda: _predicted_gain(model, search))
-    fitted = []
+    losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
+    base_loss = mean_loss(losses[0], search.blocks)
     for score, m in zip(chosen, models, strict=True):
         gain = (model.mean_square - m.mean_square) * len(model.r)
         tenable = (
@@ -161,8 +167,8 @@ def search_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> S
             and not (follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion())
             and not filters_noise(m, score.candidate, search.input_noise)
         )
-        fitted.append(fitted_candidate(score.candidate, m, search.blocks, shrinkage, tenable))
-    losses = held_out_losses(model, search.blocks, shrinkage)
+        found = fitted_candidate(score.candidate, m, search.blocks, shrinkage, tenable)
+        fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
     best = min((one.loss for one in fitted if one.tenable and np.isfinite(one.loss)), default=np.inf)
     noise_variance = search.noise.least(best)  # it is no larger than what the best candidate leaves
     verdict = decide(losses[0], fitted, search.blocks, noise_variance, search.settings.seed)
@@ -331,7 +337,7 @@ def _repeated_beside_others(
     """New rounds, if effect ``k`` would not be named beside the others and they are better; else None."""
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
     this, others = named[k], named[:k] + named[k + 1 :]
-    other_rounds, model, shrinkage = rounds_for(rounds[0].base, others, search)
+    other_rounds, model, shrinkage = rounds_for(rounds, others, search)
     again = search_round(model, shrinkage, search)
     new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
     if new is not None and _same_effect(this, new):
@@ -340,7 +346,7 @@ def _repeated_beside_others(
     if new is None:  # beside the others no effect would be named here
         made, least, allowed = [*other_rounds, again], len(other_rounds), MIN_VARIANCE_REDUCTION
     else:
-        made, model, shrinkage = rounds_for(rounds[0].base, [*named[:k], new, *named[k + 1 :]], search)
+        made, model, shrinkage = rounds_for(rounds, [*named[:k], new, *named[k + 1 :]], search)
         if len(made) < count:
             return None
         least, allowed = count, INDISTINGUISHABLE_NOISE_SHARE
@@ -358,17 +364,21 @@ def _same_effect(this: FittedCandidate, new: FittedCandidate) -> bool:
 
 
 def rounds_for(
-    model: Model, effects: Sequence[FittedCandidate], search: SearchContext
+    rounds: Sequence[SearchRound], effects: Sequence[FittedCandidate], search: SearchContext
 ) -> tuple[list[SearchRound], Model, Shrinkage]:
-    """Rounds that search for these effects only, the model with them, and their shrinkage; without those not named."""
-    made: list[SearchRound] = []
+    """Rounds that search for these effects only, the model with them, and their shrinkage; without those not named.
+
+    ``rounds`` are those in which they were named; their candidates are the ones that are listed.
+    """
+    model, made = rounds[0].base, list[SearchRound]()
     shrinkage: Shrinkage = {}
+    searched = {id(one.verdict.named): one.repeated or one for one in rounds}
     for one in effects:
         effect = one.candidate.effect
         alone = effect.relative if isinstance(effect, Replacement) else effect
-        found = search_round(model, shrinkage, attrs.evolve(search, effects=[alone]))
+        found = search_round(model, shrinkage, attrs.evolve(search, effects=[alone]), one)
         if found.verdict.named is None:
             continue
-        made.append(attrs.evolve(found, single_effect=True))
+        made.append(attrs.evolve(found, single_effect=True, repeated=searched.get(id(one))))
         model, shrinkage = next_base(found.verdict.named, shrinkage, search.settings)
     return made, model, shrinkage

@@ -35,7 +35,7 @@ def without_recurring_events(
     if not events:
         return rounds, []
     kept = [one for one in named if one not in events]
-    made, model, shrinkage = rounds_for(rounds[0].base, kept, search)
+    made, model, shrinkage = rounds_for(rounds, kept, search)
     effects = [one for one in search.effects if not any(one.name == event.candidate.effect.name for event in events)]
     made.append(closing_round(model, shrinkage, attrs.evolve(search, effects=effects)))
     words = ", ".join(dict.fromkeys(one.candidate.effect.words for one in events))

@@ -41,7 +41,7 @@ def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -
         if not open_ones:
             break
         outs = [open_ones[-1]] if named[-1] is open_ones[-1] else [open_ones[-1], named[-1]]
-        left = [rounds_for(rounds[0].base, [one for one in named if one is not out], search) for out in outs]
+        left = [rounds_for(rounds, [one for one in named if one is not out], search) for out in outs]
         best = int(np.argmin([_loss(one, search) for one in left]))
         gone, (rounds, model, shrinkage) = outs[best].candidate.effect, left[best]
         search = attrs.evolve(search, effects=[one for one in search.effects if _may_follow(one, gone)])

@@ -1,0 +1,94 @@
+"""Fits of candidates: a state too fast for the step where the motion is fast, and starts known from beside others."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.common.errors import RunError
+from tsmblocks.diagnosis import candidate_fits
+
+sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
+from independent_cases import build  # noqa: E402 - the benchmark is no package
+
+LOST, FITS = 50.0, 1.1
+
+
+@pytest.fixture(scope="module")
+def found():
+    """Stribeck friction behind a gap, whose loop reverses within a step of the fastest motion, with few candidates."""
+    case = build("single", 4014)
+    records = {k: tsm.Record(k, r["t"], r["signals"], r["units"]) for k, r in case.recordings.items()}
+    return tsm.diagnose(tsm.loads(case.base), records, effects=["stribeck_friction", "rate_dependence"])
+
+
+def test_a_loop_that_reverses_within_a_step_is_named_alone(found):
+    """In truth 0.0187 rad at rest, over a distance of 0.02 rad and with a Stribeck velocity of 0.189 rad/s."""
+    (effect,) = found.effects
+    assert effect.name == "stribeck_friction"
+    size = {name: one.value for name, one in effect.parameters.items()}
+    assert size["half_width"] + size["breakaway"] == pytest.approx(0.0187, abs=0.0005)
+    assert size["speed"] == pytest.approx(0.189, abs=0.01)
+    assert size["distance"] == pytest.approx(0.02, abs=0.002)
+
+
+@pytest.fixture
+def halving(monkeypatch):
+    """The candidate that is kept where its loss is 50 at the first step, and these at a half and a quarter of it."""
+
+    def kept(*finer, mean_square=1.0, loss=LOST):
+        losses = iter(finer)
+
+        def halved(problem, setup):
+            if not finer:
+                raise RunError("too many steps")
+            return problem, setup
+
+        monkeypatch.setattr(candidate_fits, "halved", halved)
+        monkeypatch.setattr(candidate_fits, "optimized", lambda *_: first.model)
+        monkeypatch.setattr(
+            candidate_fits, "fitted_candidate", lambda c, model, *_: SimpleNamespace(loss=next(losses), model=model)
+        )
+        model = SimpleNamespace(problem=None, setup=None, theta=None, mean_square=mean_square)
+        first = SimpleNamespace(loss=loss, model=model, candidate=None, tenable=True)
+        result = candidate_fits.at_sufficient_step(first, 2.0, 2.0, None, {})
+        return "first" if result is first else result.loss
+
+    return kept
+
+
+def test_a_candidate_whose_loss_failed_is_fitted_at_a_finer_step(halving):
+    assert halving(FITS) == FITS
+    assert halving(LOST, FITS) == FITS
+
+
+def test_a_candidate_stays_where_a_finer_step_mends_nothing(halving):
+    assert halving(LOST, LOST, FITS) == "first"
+    assert halving() == "first"
+
+
+def test_a_candidate_that_has_not_failed_costs_no_fit(halving):
+    assert halving(loss=3.9) == "first"
+    assert halving(mean_square=2.1) == "first", "its fit is no better than the base"
+
+
+def test_the_fit_of_a_known_effect_starts_at_its_parameters():
+    def named(block, values):
+        candidate = SimpleNamespace(effect=SimpleNamespace(name="backlash"), block=block)
+        return SimpleNamespace(candidate=candidate, model=SimpleNamespace(values=values))
+
+    items = [SimpleNamespace(name=name) for name in ("gain.gain", "gap.half_width", "gap.m@r1", "offset.bias")]
+    score = SimpleNamespace(
+        candidate=SimpleNamespace(effect=SimpleNamespace(name="backlash"), block="gap"),
+        problem=SimpleNamespace(unknowns=SimpleNamespace(items=items)),
+        starts=(np.array([1.0, 0.1, 0.0, 0.5]),),
+    )
+    beside = named("gap_2", {"gain.gain": 0.9, "gap_2.half_width": 0.3, "gap_2.m@r1": 0.2, "lag.time": 0.01})
+    (start,) = candidate_fits.known_starts(score, beside)
+    assert start.tolist() == [0.9, 0.3, 0.2, 0.5]
+    assert candidate_fits.known_starts(score, None) == []
+    beside.candidate.effect.name = "creep"
+    assert candidate_fits.known_starts(score, beside) == []
