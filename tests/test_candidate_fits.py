@@ -12,7 +12,7 @@ from tsmblocks.common.errors import RunError
 from tsmblocks.diagnosis import candidate_fits
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
-from independent_cases import build  # noqa: E402 - the benchmark is no package
+from independent_cases import build
 
 LOST, FITS = 50.0, 1.1
 
