@@ -58,11 +58,16 @@ def part(name: str, *arguments: Any) -> Markup:
 
 @functools.cache
 def style(name: str) -> Markup:
-    """A style sheet on one line, without its comments; ``@light``, ``@dark`` and ``@either`` are palettes."""
-    text = (files("tsmblocks.html") / "templates" / name).read_text(encoding="utf-8")
+    """A style sheet on one line, without its comments, with the palettes that it names."""
+    text = with_palettes((files("tsmblocks.html") / "templates" / name).read_text(encoding="utf-8"))
+    return Markup(" ".join(re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).split()))
+
+
+def with_palettes(text: str) -> str:
+    """A style sheet with the colours of ``@light``, ``@dark`` and ``@either`` as variables."""
     for mark, palette in {"@light": LIGHT, "@dark": DARK, "@either": EITHER}.items():
         text = text.replace(mark, css_variables(palette))
-    return Markup(" ".join(re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL).split()))
+    return text
 
 
 def sentence(words: str) -> Markup:

@@ -257,7 +257,7 @@ def _switches(made: Listing) -> str:
 
 def _in_c(block: Block) -> str:
     if block.tape_ports:
-        return "**Export to C**: not possible, since its signal is made for a whole run at once."
+        return "**Export to C**: not possible, since its signal is computed for a whole run in advance."
     return "**Export to C**: possible (``tsmblocks export``)."
 
 

@@ -33,7 +33,7 @@ PLACES = {
 }
 FAMILIES = {
     "friction": "Forces that resist a motion, subtracted from the force or voltage that drives it.",
-    "loop": "Play and hysteresis that a model lacks, or has in another form.",
+    "loop": "Play and hysteresis that a model lacks or describes by another form.",
     "delay": "Dynamics of the transmission: dead time, lag, resonance, dependence on the speed.",
     "map": "Static characteristics of position: slack, limits, bends, ripple.",
     "load": "An offset of the load.",

@@ -63,4 +63,4 @@ def _parts() -> list[Card]:
     }
     pictures = {"blocks": loop, "effects": gap}
     found = [(f"{k}/index.html", k.capitalize(), text, pictures.get(k, "")) for k, text in words.items()]
-    return [*found, ("comparison.html", "Beside other tools", "Features and speed, measured.", "")]
+    return [*found, ("comparison.html", "Comparison with other tools", "Features and speed, measured.", "")]

@@ -14,8 +14,11 @@ from typing import Any
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.version import __version__
+from tsmblocks.html.pages import with_palettes
 from tsmblocks.reference import blocks, diagrams, effects, front, gallery, hand_written, names, python
 
+SHEET = "tsmblocks.css"
+"""The style sheet, whose colours are those of all charts."""
 SETTINGS: dict[str, Any] = {
     "project": "tsmblocks",
     "version": __version__,
@@ -34,7 +37,7 @@ SETTINGS: dict[str, Any] = {
     "html_title": f"tsmblocks {__version__}",
     "html_math_renderer": "mathml",
     "html_static_path": ["_static"],
-    "html_css_files": ["tsmblocks.css"],
+    "html_css_files": [SHEET],
     "html_use_index": False,  # its entries serve the search
     "html_copy_source": False,
     "html_show_sourcelink": False,
@@ -90,6 +93,8 @@ def build(
 
 def _write(source: Path, helps: Mapping[str, tuple[str, str]], progress: Callable[[str, float], None]) -> int:
     shutil.copytree(hand_written.FOLDER, source)
+    sheet = source / "_static" / SHEET
+    sheet.write_text(with_palettes(sheet.read_text(encoding="utf-8")), encoding="utf-8", newline="\n")
     pictures = source / gallery.PICTURES
     pictures.mkdir()
     makers: tuple[Callable[[], Mapping[str, str]], ...] = (
