@@ -162,8 +162,8 @@ def test_what_is_no_path_is_answered_with_what_takes_it(given):
     with pytest.raises(DataError) as caught:
         read(given)
     assert str(caught.value) == (
-        f"read takes the path of a file, got {given!r}. Of a frame tsm.from_pandas makes a recording, of arrays "
-        "tsm.Record(name, t, signals, units)."
+        f"read takes the path of a file, got {given!r}. tsm.from_pandas makes a recording from a frame, "
+        "tsm.Record(name, t, signals, units) from arrays."
     )
 
 

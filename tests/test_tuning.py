@@ -360,7 +360,7 @@ low                                                57.3  28.65
 high                                              114.6  85.94
 
 beware:
-- r.amplitude is at its lower bound (0.5): there may be better parameters beyond it"""
+- r.amplitude is at its lower bound (0.5): better parameters may lie beyond it"""
 
 
 def test_what_is_found_is_told_in_degrees_with_before_and_bounds():
@@ -391,7 +391,7 @@ def test_limits_that_cannot_be_met_are_told():
     assert not never.met
     assert never.remarks == (
         "highest(y) >= 1.0 is not met: it is 0.5",
-        "gain.gain is at its upper bound (0.5): there may be better parameters beyond it",
+        "gain.gain is at its upper bound (0.5): better parameters may lie beyond it",
     )
     assert "\n\nbeware:\n- highest(y) >= 1.0 is not met: it is 0.5\n- gain.gain is at its upper" in str(never)
     assert never.to_dict()["remarks"] == list(never.remarks)

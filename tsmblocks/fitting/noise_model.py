@@ -31,6 +31,9 @@ ENOUGH = 2e-3
 """Change of the parameters in an iteration, relative to their uncertainty, that ends it. Chosen."""
 RIDGE = 1e-7
 """Fraction of white noise that is added: noise behind a filter would else count as predictable. Chosen."""
+ROUNDING = 1e-6
+"""Share of the residuals that the parameters cannot follow, below which all of them is rounding: at an optimum they can
+follow none. Chosen: far below any noise."""
 
 
 @attrs.frozen(eq=False)
@@ -249,6 +252,8 @@ def noise_models(basis: Jacobian, r: np.ndarray, segments: Sequence[slice]) -> N
     parameters are estimated in turn (the expectation-maximisation form of restricted likelihood). Segments
     of fewer than ``FEWEST`` samples take the model of all segments together.
     """
+    if square(r - basis @ basis.transposed_times(r)) <= ROUNDING**2 * square(r):
+        r = np.zeros_like(r)
     sources = _sources(basis, r, segments)
     q = basis.shape[1]
     error, spread = np.zeros(q), square(r) / max(len(r) - q, 1) * np.eye(q)  # as if the noise were white

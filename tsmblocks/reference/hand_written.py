@@ -57,7 +57,8 @@ def executed(text: str) -> tuple[list[str], dict[str, Any]]:
     sys.modules["page"] = module
     try:
         with without_traces():
-            Path("page.py").write_text("".join(pieces), encoding="utf-8")  # where messages and checks look a line up
+            # Messages and checks read lines of it.
+            Path("page.py").write_text("".join(pieces), encoding="utf-8", newline="\n")
             linecache.checkcache("page.py")
             before = 0
             for code in pieces:

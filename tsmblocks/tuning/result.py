@@ -143,7 +143,7 @@ class Tuned:
             texts.append("no two starts ended here: more starts may find better parameters")
         held = [f"{name} is at its {side} bound ({self.values[name]:.4g})" for name, side in self.at_bounds.items()]
         if held and self.improved:
-            texts.append(f"{', '.join(held)}: there may be better parameters beyond it")
+            texts.append(f"{', '.join(held)}: better parameters may lie beyond it")
         texts += [f"{name} has no effect on the objective and the limits" for name in self.idle]
         return tuple(text for text in (*texts, *self.hunting) if text)
 
