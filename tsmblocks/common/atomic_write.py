@@ -20,7 +20,7 @@ MAT_HEADER = b"MATLAB 5.0 MAT-file, written by tsmblocks".ljust(116)
 TIMES = {"svg": ("Date",), "pdf": ("CreationDate",)}
 """Metadata that hold the time of writing, by format, as matplotlib calls them."""
 SETTLING_DRAWS = 3
-"""Draws after which the panels of matplotlib's constrained layout stay where they are. Measured: the third moves none."""
+"""Draws after which the panels of matplotlib's constrained layout stay where they are. Measured."""
 _CLIP = re.compile(rb'(id="|url\(#)(p[0-9a-f]{10})(?=["\)])')
 
 
