@@ -10,10 +10,12 @@ from scipy.signal import lfilter
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Bias, Play, Ripple, Stretch
+from tsmblocks.diagnosis import determined
 from tsmblocks.diagnosis.determined import is_determined
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.model import ModelSettings, calibrate
 from tsmblocks.diagnosis.noise_filtering import filters_noise
+from tsmblocks.diagnosis.summary import DiagnosedPart
 from tsmblocks.diagnosis.surrogates import rolled, stretches_of, without_phase
 
 DEG = np.pi / 180
@@ -121,6 +123,37 @@ def test_an_effect_is_determined_where_its_interval_excludes_none(kind):
     offset = SimpleNamespace(free=("again.bias",))
     assert not is_determined(fitted(real, twice), offset, {"again.bias": 0.0})
     assert is_determined(fitted(real, twice), offset, {})  # nothing to compare with
+
+
+@pytest.mark.parametrize(("spread", "known"), [(4.0, False), (1.0, True)])
+def test_an_effect_of_which_only_a_combination_is_known_is_not_determined(spread, known, monkeypatch):
+    """Its sum is known to 0.3 and the sizes themselves to ``spread``: 3 ± 8 is no size to report."""
+    covariance = spread**2 * np.array([[1, -1], [-1, 1]]) + 0.05
+    estimate = SimpleNamespace(covariance=covariance, freedom=np.array([500.0, 500.0]))
+    monkeypatch.setattr(determined, "uncertainty", lambda *_, **__: estimate)
+    names = ("loop.width", "loop.gain")
+    items = tuple(SimpleNamespace(parameter=name) for name in names)
+    problem = SimpleNamespace(unknowns=SimpleNamespace(items=items, names=names), segments=())
+    model = SimpleNamespace(theta=np.array([3.0, 3.0]), r=np.zeros(500), J=None, problem=problem)
+    model.at_bound = np.zeros(2, dtype=bool)
+    assert is_determined(model, SimpleNamespace(free=names), dict.fromkeys(names, 0.0)) == known
+
+
+@pytest.mark.parametrize(("share", "remains"), [(0.03, False), (0.2, True)])
+def test_a_small_effect_that_was_not_accepted_makes_nothing_unknown(share, remains):
+    """Slow noise lets a candidate gain a few per cent of the residual, significantly by its t-statistic alone."""
+    rejected = SimpleNamespace(loss=(1 - share) * 11.0)
+    part = SimpleNamespace(
+        count=0,
+        losses=[11.0],
+        rounds=[SimpleNamespace(verdict=SimpleNamespace(named=rejected))],
+        left=SimpleNamespace(material=False, predicted=0.0),
+        search=SimpleNamespace(noise=SimpleNamespace(low=1.0)),
+        _is_within_given_noise=False,
+    )
+    part.rejected_share = DiagnosedPart.rejected_share.fget(part)
+    assert part.rejected_share == pytest.approx(share)
+    assert DiagnosedPart.leaves_predictable.fget(part) == remains
 
 
 def test_a_harmonic_of_the_motion_is_no_disturbance_and_another_frequency_is():

@@ -44,6 +44,9 @@ def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], r
 
     .. math:: \tfrac{1}{q} (\theta - \theta_0)^T C^{-1} (\theta - \theta_0) > F_{0.95}(q, \nu)
 
+    and the confidence interval of at least one of them does so as well: where only a combination is clear of it, no
+    size can be reported.
+
     ``nulls`` are those values by full name, of the parameters that have a finite one. Where there are none (a limit
     that never acts is at infinity) the effect is judged by its held-out losses alone. The covariance allows for
     autocorrelated residuals; ``redundant`` parameters of the base are held. Source: Seber and Wild, Nonlinear
@@ -69,5 +72,5 @@ def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], r
     distance = (vectors[:, kept].T @ (off / spread)) ** 2 / values[kept]
     freedom = float(np.min(estimate.freedom[np.array(own)[seen]]))
     q = int(kept.sum())
-    critical = float(fdtri(q, min(freedom, 1e9), 1 - SIGNIFICANCE_LEVEL))
-    return bool(distance.sum() / q > critical)
+    joint, single = (float(fdtri(k, min(freedom, 1e9), 1 - SIGNIFICANCE_LEVEL)) for k in (q, 1))
+    return bool(distance.sum() / q > joint and np.max((off / spread) ** 2) > single)

@@ -12,7 +12,7 @@ from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.cross_validation import TimeBlocks, held_out_residuals
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss, ridge_weights, shrinkage_of
 from tsmblocks.diagnosis.discrimination import separating_experiment
-from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence
+from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence, is_material
 from tsmblocks.diagnosis.forward_selection import (
     MIN_EXCESS_SHARE,
     SearchContext,
@@ -107,7 +107,7 @@ class DiagnosedPart:
         if self._is_within_given_noise:
             return False
         material = self.left.material and self.left.predicted >= MIN_PREDICTED_EXCESS * self.search.noise.low
-        return material or self.rejected_share > 0
+        return material or is_material(self.rejected_share)
 
     @property
     def rejected_share(self) -> float:
