@@ -23,7 +23,7 @@ class Saturation(Block):
     .. math:: y = \min(\max(u, l), h)
 
     Between the limits l and h the signal passes unchanged. Where only one limit is given, the other is its opposite:
-    ``Saturation(high=10.0)`` limits to ±10. ``low=-inf`` or ``high=inf`` is no limit.
+    ``Saturation(high=10.0)`` limits to ±10. An infinite one is no limit.
 
     The defaults are those of the paper's drive, which gives the motor between 0 and 24 V. A sine needs both
     directions, so 24 V is taken as the largest magnitude: with 0 to 24 V the motor never returns, and the diagram of
