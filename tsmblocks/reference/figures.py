@@ -16,6 +16,8 @@ POINTS = 500
 """Samples of a line."""
 TALL = 150
 """Height of the part of a chart in which data are drawn [pixels]."""
+BELOW = 35
+"""Distance of the label of the x axis below the data [pixels]: clear of the ticks in the larger letters of small charts."""
 ALIKE = 8.0
 """Ratio of two ranges up to which signals share an axis."""
 
@@ -48,8 +50,9 @@ def over_another(x: np.ndarray, y: np.ndarray, labels: tuple[str, str]) -> str:
     """One signal over another."""
     frame = Frame(LEFT, 24.0, RIGHT, 24.0 + 1.6 * TALL, charts.spread(x), charts.spread(y))
     across, up = charts.sampled(1200, x, y)
-    parts = [charts.axes(frame, *labels), charts.line(frame, across, up, "after")]
-    return charts.chart(parts, frame.bottom + 34, f"{labels[1]} over {labels[0]}")
+    below = charts.text(RIGHT, frame.bottom + BELOW, labels[0], "end")
+    parts = [charts.axes(frame, "", labels[1]), below, charts.line(frame, across, up, "after")]
+    return charts.chart(parts, frame.bottom + BELOW + 6, f"{labels[1]} over {labels[0]}")
 
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:
