@@ -31,8 +31,8 @@ from tsmblocks.files import dumps, load, loads, save
 from tsmblocks.files import shipped as shelf_module
 from tsmblocks.files.positions import Places
 from tsmblocks.files.schema import schema
-from tsmblocks.files.simulation_reader import KEYS
 from tsmblocks.files.shipped import shipped_folder, shipped_names
+from tsmblocks.files.simulation_reader import KEYS
 from tsmblocks.files.writer import split_wire
 from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, option, parameter
 from tsmblocks.model.diagram import DEEPEST, Diagram, Inlet

@@ -16,8 +16,8 @@ POINTS = 500
 """Samples of a line."""
 TALL = 150
 """Height of the part of a chart in which data are drawn [pixels]."""
-BELOW = 35
-"""Distance of the label of the x axis below the data [pixels]: clear of the ticks in the larger letters of small charts."""
+BELOW = 38
+"""Distance of the label of the x axis below the data [pixels]: clear of the ticks in the letters of small charts."""
 ALIKE = 8.0
 """Ratio of two ranges up to which signals share an axis."""
 
@@ -42,8 +42,8 @@ def over_time(t: np.ndarray, signals: Mapping[str, np.ndarray], labels: Mapping[
         frame = Frame(LEFT, top, RIGHT, top + TALL, (float(t[0]), float(t[-1])), span)
         parts.append(charts.axes(frame, "t [s]" if last else "", ", ".join(labels[k] for k in group), numbers=last))
         parts += [_line(frame, t, signals, name) for name in group]
-        top = frame.bottom + 26
-    return charts.chart(parts, top + 10, f"{', '.join(labels.values())} over time")
+        top = frame.bottom + 30
+    return charts.chart(parts, top + 6, f"{', '.join(labels.values())} over time")
 
 
 def over_another(x: np.ndarray, y: np.ndarray, labels: tuple[str, str]) -> str:
