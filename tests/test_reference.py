@@ -261,7 +261,10 @@ def test_pages_show_the_version_and_offer_to_copy_code(site):
 
 
 SEARCHES = {
-    "howto/bode": ("Bode", "phase margin", "Nyquist", "linearize", "describing function", "pole placement"),
+    "howto/bode": (
+        *("Bode", "Bode plot", "phase margin", "Nyquist"),
+        *("linearize", "describing function", "pole placement"),
+    ),
     "howto/names": ("coming from Simulink",),
     "howto/subsystem": ("Subsystem",),
     "howto/plot": ("scope", "plot", "to workspace"),
