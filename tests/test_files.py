@@ -32,6 +32,7 @@ from tsmblocks.files import shipped as shelf_module
 from tsmblocks.files.positions import Places
 from tsmblocks.files.schema import schema
 from tsmblocks.files.shipped import shipped_folder, shipped_names
+from tsmblocks.files.simulation_reader import KEYS
 from tsmblocks.files.writer import split_wire
 from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, option, parameter
 from tsmblocks.model.diagram import DEEPEST, Diagram, Inlet
@@ -569,6 +570,7 @@ def test_the_schema_knows_every_block_and_field():
         assert set(made["$defs"][name]["properties"]) == {"type", *cls.fields()}
     assert made["$defs"]["PID"]["properties"]["tau"]["anyOf"][0] == {"type": "number", "exclusiveMinimum": 0.0}
     assert made["required"] == ["format", "blocks"]
+    assert set(made["properties"]["simulation"]["properties"]) == set(KEYS)
 
 
 def test_no_block_has_a_field_that_a_file_could_not_tell_apart():

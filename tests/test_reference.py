@@ -261,7 +261,10 @@ def test_pages_show_the_version_and_offer_to_copy_code(site):
 
 
 SEARCHES = {
-    "howto/bode": ("Bode", "Bode plot", "phase margin", "Nyquist", "linearize", "describing function"),
+    "howto/bode": (
+        *("Bode", "Bode plot", "phase margin", "Nyquist"),
+        *("linearize", "describing function", "pole placement"),
+    ),
     "howto/names": ("coming from Simulink",),
     "howto/subsystem": ("Subsystem",),
     "howto/plot": ("scope", "plot", "to workspace"),
@@ -269,12 +272,12 @@ SEARCHES = {
     "howto/study": ("Monte Carlo", "parameter sweep", "sweep parameters"),
     "howto/export_c": ("C code", "code generation"),
     "howto/guard": ("regression test", "pytest"),
-    "howto/fit": ("parameter estimation", "least squares"),
+    "howto/fit": ("parameter estimation", "least squares", "unit of an input"),
     "howto/diagnose": ("unmodelled dynamics", "residual"),
     "howto/continue": ("initial conditions", "steady state", "trim"),
     "howto/step": ("solver", "step size", "ode4"),
-    "howto/recordings": ("CSV", "import data"),
-    "howto/metrics": ("overshoot", "settling time", "rise time", "tracking error"),
+    "howto/recordings": ("CSV", "import data", "semicolon", "decimal comma", "CSV Excel European"),
+    "howto/metrics": ("overshoot", "settling time", "rise time", "tracking error", "ITAE", "ISE"),
     "installation": ("install", "pip"),
     "comparison": ("Simulink", "PathSim", "speed"),
     "families/hysteresis": ("hysteresis",),

@@ -22,9 +22,12 @@ class Saturation(Block):
 
     .. math:: y = \min(\max(u, l), h)
 
-    The paper says that the drive gives the motor between 0 and 24 V. A sine needs both directions, so 24 V is taken as
-    the largest magnitude: with 0 to 24 V the motor never returns, and the diagram of Fig. 9(b) leaves an error of 110
-    deg peak to peak. Where only one limit is given, the other is its opposite.
+    Between the limits l and h the signal passes unchanged. Where only one limit is given, the other is its opposite:
+    ``Saturation(high=10.0)`` limits to ±10. An infinite one is no limit.
+
+    The defaults are those of the paper's drive, which gives the motor between 0 and 24 V. A sine needs both
+    directions, so 24 V is taken as the largest magnitude: with 0 to 24 V the motor never returns, and the diagram of
+    Fig. 9(b) leaves an error of 110 deg peak to peak.
     """
 
     source = "Paper, section 5.1: between 0 and 24 V; taken in both directions"

@@ -64,6 +64,7 @@ def _simulation() -> dict[str, Any]:
         "method": {"enum": list(METHODS)},
         "hold": {**_one_or_each(hold), "description": "interpolation between samples, for all inputs or by input"},
         "condition": {"type": "array", "items": _TEXT, "description": "inputs whose noise is filtered out"},
+        "stop_when": {**_TEXT, "description": "comparison of signals at which a run ends"},
     }
     states = {"type": "object", "description": 'initial states such as "tsm.zeta" = 0.1'}
     about = "initial states by recording"

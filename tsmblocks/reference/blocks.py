@@ -98,10 +98,11 @@ def page(cls: type[Block], family: list[str]) -> str:
         f":Source: {rst.plain(block.source)}\n:In Python: ``from tsmblocks.blocks import {name}``\n"
         f':In a file: ``{{ type = "{name}" }}``',
         rst.html(uses.linked_picture(made)),
-        rst.html(_charts(cls)),
         _ports(block),
         _numbers(block, shown, examples.snake(name)),
         _states(shown),
+        rst.heading("Signals of the example", 1),
+        rst.html(_charts(cls)),
         _behaviour(shown),
         _computed(block, shown),
         rst.heading("Example", 1),

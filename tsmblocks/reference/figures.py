@@ -16,6 +16,8 @@ POINTS = 500
 """Samples of a line."""
 TALL = 150
 """Height of the part of a chart in which data are drawn [pixels]."""
+BELOW = 38
+"""Distance of the label of the x axis below the data [pixels]: clear of the ticks in the letters of small charts."""
 ALIKE = 8.0
 """Ratio of two ranges up to which signals share an axis."""
 
@@ -40,16 +42,17 @@ def over_time(t: np.ndarray, signals: Mapping[str, np.ndarray], labels: Mapping[
         frame = Frame(LEFT, top, RIGHT, top + TALL, (float(t[0]), float(t[-1])), span)
         parts.append(charts.axes(frame, "t [s]" if last else "", ", ".join(labels[k] for k in group), numbers=last))
         parts += [_line(frame, t, signals, name) for name in group]
-        top = frame.bottom + 26
-    return charts.chart(parts, top + 10, f"{', '.join(labels.values())} over time")
+        top = frame.bottom + 30
+    return charts.chart(parts, top + 6, f"{', '.join(labels.values())} over time")
 
 
 def over_another(x: np.ndarray, y: np.ndarray, labels: tuple[str, str]) -> str:
     """One signal over another."""
     frame = Frame(LEFT, 24.0, RIGHT, 24.0 + 1.6 * TALL, charts.spread(x), charts.spread(y))
     across, up = charts.sampled(1200, x, y)
-    parts = [charts.axes(frame, *labels), charts.line(frame, across, up, "after")]
-    return charts.chart(parts, frame.bottom + 34, f"{labels[1]} over {labels[0]}")
+    below = charts.text(RIGHT, frame.bottom + BELOW, labels[0], "end")
+    parts = [charts.axes(frame, "", labels[1]), below, charts.line(frame, across, up, "after")]
+    return charts.chart(parts, frame.bottom + BELOW + 6, f"{labels[1]} over {labels[0]}")
 
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:

@@ -36,12 +36,16 @@ def link(target: str, text: str = "") -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[int] = ()) -> str:
-    """A table of cells that are markup already; nothing where there are no rows. ``widths`` are shares."""
+    """A table of cells that are markup already; nothing where there are no rows. ``widths`` are shares.
+
+    On a narrow page the meaning, which is the last column of many tables, stands below the other cells of its row.
+    """
     rows = list(rows)
     if not rows:
         return ""
     shares = f"   :widths: {' '.join(map(str, widths))}\n" if widths else ""
-    lines = [f".. list-table::\n   :header-rows: 1\n{shares}"]
+    kind = "   :class: meaning\n" if head[-1] == "Meaning" else ""
+    lines = [f".. list-table::\n   :header-rows: 1\n{kind}{shares}"]
     for row in (head, *rows):
         lines += [f"   {'*' if not k else ' '} - {cell}" for k, cell in enumerate(row)]
     return "\n".join(lines) + "\n"
