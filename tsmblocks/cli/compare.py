@@ -50,8 +50,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
+    from tsmblocks.fitting.above_noise import FAR
     from tsmblocks.fitting.compare import in_full, ready_made
-    from tsmblocks.fitting.text import FAR, by_file
+    from tsmblocks.fitting.text import by_file
 
     if args.each and args.held_out:
         raise common.UsageError("--each fits every file, so none can be held out; leave out --held-out.")

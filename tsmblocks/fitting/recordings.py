@@ -111,7 +111,7 @@ def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple
 
 
 def _scaled_as(label: str, diagram: Diagram) -> str:
-    """The unit of a quantity at the one scale that it, its rates and integrals have in a diagram, else its base unit."""
+    """The unit of a quantity at the one scale that it and its rates have in a diagram, else its base unit."""
     own, base = units.parse(label), units.base_unit(label)
     factors = [unit.factor for unit in diagram.port_units.values() if _timeless(unit) == _timeless(own)]
     if not factors or not np.allclose(factors, factors[0], rtol=1e-9, atol=0.0):
