@@ -221,6 +221,20 @@ def open_numbers(fit: Fit) -> list[str]:
     return [e.name for e in sorted(fit.estimates, key=lambda e: e.is_start) if e.name in open_]
 
 
+def for_diagnosis(comparison: Comparison) -> str:
+    """The model to diagnose: the best, or where the data do not determine it, the simplest that they determine."""
+
+    def is_open(row: Row) -> bool:
+        """Whether a parameter, initial states not counted, is not determined."""
+        starts = {e.name for e in row.fit or () if e.is_start}
+        return row.fit is None or not starts.issuperset(open_numbers(row.fit))
+
+    determined = [row for row in comparison if not is_open(row) and np.isfinite(row.figure)]
+    if not determined or not is_open(comparison.best):
+        return comparison.best.name
+    return min(determined, key=lambda row: row.parameters).name  # the better one of equals, which comes first
+
+
 def by_file(found: Mapping[str, Comparison]) -> str:
     """A table of models and files, each fitted alone; the best of a file has a star."""
     k, unit = for_people(next(iter(found.values())))
