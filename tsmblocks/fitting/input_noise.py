@@ -51,7 +51,7 @@ def _filtered(record: Record, names: Sequence[str]) -> tuple[Record, list[str]]:
     return (record.conditioned(noisy), noisy) if noisy else (record, [])
 
 
-def input_noise_note(names: list[str], changes: np.ndarray, inputs: list[str], covered: float) -> list[str]:
+def input_noise_note(names: Sequence[str], changes: np.ndarray, inputs: list[str], covered: float) -> list[str]:
     """A warning where the intervals do not cover the noise of the inputs; ``changes`` as of ``shifts``."""
     if not len(changes) or not covered < changes.max() < np.inf:
         return []
