@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.blocks import FirstOrderLag
+from tsmblocks.blocks import Bias, FirstOrderLag, Play
 from tsmblocks.common.errors import DiagramError
 from tsmblocks.files import dumps, loads
 
@@ -43,6 +43,49 @@ def test_a_gain_from_degrees_to_degrees_is_no_conversion():
     found = tsm.compare({"lag": lag()}, recorded())
     assert found.unit == "rad"
     assert NOTE in found.notes
+
+
+def play(unit, rate=False):
+    blocks = {"play": Play(half_width=0.1, gain=0.7), "lag": FirstOrderLag(time_constant=0.2), "offset": Bias()}
+    wires = ["play -> lag", "lag -> offset"]
+    outputs = {"x_out": "offset"}
+    if rate:
+        blocks["rate"], outputs["v_out"] = tsm.blocks.FilteredDerivative(), "rate"
+        wires.append("offset -> rate")
+    return tsm.Diagram(blocks=blocks, wires=wires, inputs={"x_in": tsm.Inlet(["play"], unit=unit)}, outputs=outputs)
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad", "mrad"])
+def test_a_signal_behind_blocks_that_convert_adopts_the_scale_of_the_angles_of_the_diagram(unit):
+    """Recordings in deg and an input declared in deg gave a gain of 0.01396 (0.8 pi/180): the output was in rad."""
+    k = tsm.common.units.factor("deg", unit)
+    x = 10 * X
+    y = tsm.simulate(
+        play(unit), inputs={"x_in": (T, k * x)}, step=0.02, parameters={"play.gain": 0.8, "play.half_width": k}
+    )["x_out"]
+    data = tsm.Record("run", T, {"x_in": x, "x_out": y / k}, {"x_in": "deg", "x_out": "deg"})
+    fit = tsm.fit(play(unit), data, free=["play.*"], start={"play.half_width": 0.8 * k})
+    assert fit["play.gain"].value == pytest.approx(0.8, abs=1e-3)
+    assert fit.diagram.unit("x_out") == unit
+    assert any("no unit in the diagram" in text for text in fit.notes) == (unit != "deg")
+
+
+def test_rates_adopt_the_scale_of_the_angles_and_two_scales_mean_base_units():
+    from tsmblocks.fitting.recordings import with_adopted_units
+
+    data = tsm.Record("run", T, {"x_in": X, "x_out": X, "v_out": X}, {"x_in": "deg", "x_out": "deg", "v_out": "deg/s"})
+    adopted, notes = with_adopted_units(play("deg", rate=True), {"run": data})
+    assert [adopted.unit(k) for k in ("x_out", "v_out")] == ["deg", "deg/s"]
+    assert not notes
+    both = tsm.Diagram(
+        blocks={"turn": tsm.blocks.Convert(source_unit="deg", target_unit="rad"), "lag": FirstOrderLag()},
+        wires=["turn -> lag"],
+        inputs={"x_in": "turn"},
+        outputs={"x_out": "lag"},
+    )
+    adopted, notes = with_adopted_units(both, {"run": data})
+    assert adopted.unit("x_out") == "rad"
+    assert notes == [NOTE]
 
 
 def test_a_diagnosis_adopts_it_too():

@@ -36,6 +36,21 @@ def test_the_command_that_a_comparison_prints_runs_as_it_is_printed(folder, caps
     assert "backlash" in capsys.readouterr().out
 
 
+def test_a_comparison_suggests_a_model_that_the_data_determine(folder, capsys):
+    """The command named the best model, two of whose parameters were one product."""
+    simple = tsm.load("tendon_sheath_linear")
+    tsm.save(simple.insert("lag", FirstOrderLag(time_constant=0.1), before="offset"), "rich.toml")
+    tsm.save(simple, "poor.toml")
+    named = ["--data", "a 1.csv", "--map", "x_in=motor", "x_out=tip", "--starts", "1"]
+    assert main(["compare", "rich.toml", "poor.toml", *named]) == 0
+    said = capsys.readouterr().out
+    assert "rich fits best" in said
+    assert "The data do not determine all of rich; poor is the simplest model that they determine." in " ".join(
+        said.split()
+    )
+    assert "  tsmblocks diagnose poor.toml " in said
+
+
 def test_a_diagnosis_takes_values_bounds_and_local_parameters(folder, capsys):
     files = ["--data", "a 1.csv", "b.csv", "--map", "x_in=motor", "x_out=tip", "--noise-floor", "0.002rad"]
     options = ["--effects", "backlash", "--set", "gain.gain=0.7", "--bounds", "gain.gain=0.5:0.9"]

@@ -305,7 +305,7 @@ def test_noise_says_what_it_is():
 def test_an_input_whose_noise_lengthens_its_path_is_named():
     x = np.sin(T)
     rough = record(T, {"q": "rad"}, clean=x, q=0.05 * np.round((x + white(0.02)) / 0.05), n=x + white(0.02, seed=3))
-    first, second = cautions(rough)
+    first, second = cautions(rough, ["clean", "q", "n"])
     assert first.startswith("q is quantised in steps of 0.05 rad: its path is ")
     assert first.endswith(
         " % longer than that of the motion in it, which drives hysteresis and friction. Filter it first: filtered('q')."
@@ -331,6 +331,16 @@ def test_steps_that_leave_the_path_alone_are_named_for_the_rate():
     assert float(said.split("wrong by ")[1].split(" %")[0]) == pytest.approx(100 * rate, rel=0.15)
     assert cautions(stepped.filtered("x", cutoff=50.0)) == ()
     assert cautions(record(t, x=1e-6 * np.round(x / 1e-6))) == ()  # digits of a file
+
+
+def test_only_inputs_are_to_be_filtered():
+    """It advised to filter a measured output, which would distort a fit."""
+    noisy = record(T, {"tip": "rad"}, tip=np.sin(T) + white(0.02))
+    (any_signal,), (driving,) = cautions(noisy), cautions(noisy, "tip")
+    assert any_signal.endswith(
+        "If it is an input of the model, filter it first (an output stays as it is): filtered('tip')."
+    )
+    assert driving.endswith("friction. Filter it first: filtered('tip').")
 
 
 def test_the_caution_measures_the_added_path():

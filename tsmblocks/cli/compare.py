@@ -50,8 +50,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
+    from tsmblocks.fitting.above_noise import FAR
     from tsmblocks.fitting.compare import in_full, ready_made
-    from tsmblocks.fitting.text import FAR, by_file
+    from tsmblocks.fitting.text import by_file, for_diagnosis
 
     if args.each and args.held_out:
         raise common.UsageError("--each fits every file, so none can be held out; leave out --held-out.")
@@ -64,7 +65,11 @@ def execute(args: argparse.Namespace) -> int:
     if not args.json:
         console.print_text(f"{_heading(args)}\n\n{by_file(results) if args.each else results['']}")
         if not args.each and results[""].above_noise >= FAR:
-            source = next(name for name in given or ready_made() if _label(name, given) == results[""].best.name)
+            best, chosen = results[""].best.name, for_diagnosis(results[""])
+            if chosen != best:
+                why = f"The data do not determine all of {best}; {chosen} is the simplest model that they determine."
+                console.print_text(f"\n{textwrap.fill(why, line_width())}")
+            source = next(name for name in given or ready_made() if _label(name, given) == chosen)
             print(f"\n  {recordings.command_line('diagnose', source, args)}")
     written = _save(results, out)
     if plot:

@@ -81,7 +81,7 @@ def with_condition_option(text: str, args: argparse.Namespace) -> str:
     """A note that the input is noisy, with the option of the command in place of the call of Python."""
     if args.conditioned:
         return text
-    return re.sub(r"Filter it first: filtered\('[^']*'\)\.", "Filter it first: --condition.", text)
+    return re.sub(r"Filter (it|them) first: (filtered|conditioned)\([^)]*\)\.", r"Filter \1 first: --condition.", text)
 
 
 def read_record(

@@ -24,6 +24,10 @@ MAX_ADDED_PATH = 0.05
 """Share of an input's path that noise may add before it is reported. Chosen: a loss that scales with the path is
 then wrong by as much."""
 
+FILTER = "Filter it first: "
+FILTER_INPUT = "If it is an input of the model, filter it first (an output stays as it is): "
+"""Advice on a signal that drives a model, and on one that may."""
+
 
 def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple[str, ...]:
     """Return cautions on signals that drive a model with memory.
@@ -37,7 +41,8 @@ def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple
     record : Record
         The recording.
     inputs : str, iterable of str or None, default None
-        Signals that drive the model, by default all.
+        Signals that drive the model. By default all are examined, and the advice is only about those that drive it:
+        a measured output stays as it is, since filtering it would distort a fit.
 
     Returns
     -------
@@ -62,7 +67,8 @@ def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple
     record = evenly_sampled(record)
     names = [name for name in as_list(record.names if inputs is None else inputs) if not is_held(record[name])]
     sentences = (_long_path(record, name) or _rough_rate(record, name) for name in names)
-    return tuple(text for text in sentences if text)
+    said = tuple(text for text in sentences if text)
+    return said if inputs is not None else tuple(text.replace(FILTER, FILTER_INPUT) for text in said)
 
 
 def _long_path(record: Record, name: str) -> str:
@@ -79,7 +85,7 @@ def _long_path(record: Record, name: str) -> str:
     why = f"is quantised in steps of {with_unit(quantum or 0.0, record.unit(name))}" if coarse else "is noisy"
     return (
         f"{name} {why}: its path is {100 * (path / smooth - 1):.0f} % longer than that of the motion in it, which "
-        f"drives hysteresis and friction. Filter it first: filtered('{name}')."
+        f"drives hysteresis and friction. {FILTER}filtered('{name}')."
     )
 
 

@@ -15,7 +15,7 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.diagnosis.settings import Provenance, Simulated
 from tsmblocks.fitting.result import Fit
-from tsmblocks.fitting.text import cautions
+from tsmblocks.fitting.text import estimate_cautions
 from tsmblocks.model.diagram import Diagram
 
 EFFECT_KEYS = {"across": "share_removed_across_experiments"}
@@ -214,7 +214,7 @@ class Segment:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the parameters of the last model, as a fit of it would give."""
-        return () if self.fit is None else tuple(cautions(attrs.evolve(self.fit, notes=())))
+        return () if self.fit is None else tuple(estimate_cautions(self.fit))
 
 
 @attrs.frozen(eq=False)

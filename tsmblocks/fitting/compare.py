@@ -10,13 +10,13 @@ import attrs
 import numpy as np
 
 from tsmblocks.common import arguments, units
-from tsmblocks.common.errors import DataError, NotFinite, RunError, TsmError, in_words, near
+from tsmblocks.common.errors import NotFinite, RunError, TsmError, in_words, near
 from tsmblocks.common.frames import frame
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.data import Record
-from tsmblocks.data.noise_floor import noise_of_recordings
+from tsmblocks.fitting.above_noise import output_noise
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import fit
 from tsmblocks.fitting.recordings import Data, recordings, training_windows, with_adopted_units, without_units
@@ -343,10 +343,7 @@ def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[
     names = {d.output for d in best.train or ()}
     if len(names) != 1:
         return float("nan"), ""
-    try:
-        return noise_of_recordings(records, name := names.pop(), diagram.unit(name), diagram.inports)
-    except DataError:  # too few samples
-        return float("nan"), ""
+    return output_noise(name := names.pop(), diagram.unit(name), records, diagram.inports)
 
 
 def overall(found: Mapping[str, Comparison]) -> list[tuple[str, float]]:

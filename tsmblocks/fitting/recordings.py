@@ -17,6 +17,7 @@ from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.missing_units import assumed_units, refuse_doubtful
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.unit_inference import unit_label
 
 Data = Any
 """A recording (Record, file, pandas frame), a list of them, or a mapping from names to them."""
@@ -81,9 +82,9 @@ def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iter
 def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple[Diagram, list[str]]:
     """The diagram with units for recorded signals that it gives none, and a sentence for each that is converted.
 
-    A signal adopts the quantity of the recordings in its base unit (deg is converted to rad), so that it is in one
-    system of units with the signals whose units the diagram declares. Where it declares none, the numbers of the
-    recordings stay as they are.
+    A signal adopts the quantity of the recordings at the scale the diagram has for it: in deg where all its angles are
+    in deg, otherwise in the base unit (deg is converted to rad). So it is in one system of units with the signals
+    whose units the diagram declares. Where it declares none, the numbers of the recordings stay as they are.
     """
     if not any(unit.dimension for unit in diagram.port_units.values()):
         return diagram, []
@@ -92,7 +93,7 @@ def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple
         labels = [r.unit(name) for r in records.values() if name in r and r.unit(name) and units.is_unit(r.unit(name))]
         if not labels or diagram.unit(name):
             continue
-        unit = units.base_unit(labels[0])
+        unit = _scaled_as(labels[0], diagram)
         try:
             if name in diagram.inputs:
                 inlet = attrs.evolve(diagram.inputs[name], unit=unit)
@@ -107,6 +108,21 @@ def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple
                 f"from {labels[0]}."
             )
     return diagram, notes
+
+
+def _scaled_as(label: str, diagram: Diagram) -> str:
+    """The unit of a quantity at the one scale that it and its rates have in a diagram, else its base unit."""
+    own, base = units.parse(label), units.base_unit(label)
+    factors = [unit.factor for unit in diagram.port_units.values() if _timeless(unit) == _timeless(own)]
+    if not factors or not np.allclose(factors, factors[0], rtol=1e-9, atol=0.0):
+        return base
+    scaled = unit_label(units.Unit(factors[0], own.dimension))
+    return next((k for k in (label, scaled) if units.is_unit(k) and units.same(k, scaled)), base)
+
+
+def _timeless(unit: units.Unit) -> list[tuple[str, int]]:
+    """The powers of base units but for those of time."""
+    return [one for one in unit.dimension if one[0] != "s"]
 
 
 def windows(given: Any, names: Iterable[str], what: str = "window") -> dict[str, Window]:

@@ -222,6 +222,8 @@ class Fit:
         dict
             As ``tsmblocks fit --json`` prints it.
         """
+        from tsmblocks.fitting.above_noise import beyond_noise
+
         return {
             "format": 1,
             "diagram": self.diagram.title,
@@ -239,7 +241,7 @@ class Fit:
                 "rms": [float(np.sqrt(2 * s.cost / max(self._samples, 1))) for s in self.searches],
             },
             "evaluations": sum(s.evaluations for s in self.searches),
-            "notes": list(self.notes),
+            "notes": [*self.notes, *beyond_noise(self)],
         }
 
     @property

@@ -87,23 +87,23 @@ def limit_note(problem: Problem, theta: np.ndarray) -> list[str]:
 
 
 def shifts(
-    coarse: np.ndarray,
-    fine: np.ndarray,
+    one: np.ndarray,
+    other: np.ndarray,
     J: np.ndarray | Jacobian,
     half_widths: np.ndarray,
     *,
     prior: np.ndarray | None = None,
     held: np.ndarray | None = None,
 ) -> np.ndarray:
-    """How far each number moves by halving the step, in half widths of its interval, shape (p,); 0 without interval.
+    """How far each number moves from one simulation to another, shape (p,): half widths of its interval, or 0 without.
 
-    ``coarse`` and ``fine`` (N,) are the residuals with the same numbers, ``J`` (N, p) their derivatives. ``prior`` and
-    ``held`` as for ``uncertainty``. A simulation that diverges at half the step counts as an infinite change.
+    ``one`` and ``other`` (N,) are the residuals with the same numbers, ``J`` (N, p) their derivatives. ``prior`` and
+    ``held`` as for ``uncertainty``. An other simulation that diverges counts as an infinite change.
     """
     known = np.isfinite(half_widths) & (half_widths > 0)
-    if not np.isfinite(fine).all():
+    if not np.isfinite(other).all():
         return np.where(known, np.inf, 0.0)
-    change = moved(J, fine - coarse, prior=prior, held=held)
+    change = moved(J, other - one, prior=prior, held=held)
     return np.where(known, np.abs(change) / np.where(known, half_widths, 1.0), 0.0)
 
 

@@ -12,6 +12,7 @@ from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.identifiability import Undetermined, sizes, undetermined
 from tsmblocks.fitting.input_checks import runs_ahead
+from tsmblocks.fitting.input_noise import filtered_problem, input_noise_note
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.parameters import is_start, numbers
@@ -20,7 +21,7 @@ from tsmblocks.fitting.result import Estimate, Fit
 from tsmblocks.fitting.score import Differences, simulated_differences
 from tsmblocks.fitting.setup import Setup, simulated_as
 from tsmblocks.fitting.statistics import Uncertainty, intervals, uncertainty
-from tsmblocks.fitting.step_size import halved, limit_note, shift_note, shifts
+from tsmblocks.fitting.step_size import COVERED, halved, limit_note, shift_note, shifts
 from tsmblocks.model.diagram import Diagram
 
 TOUCHING = 1e-7
@@ -82,6 +83,7 @@ def summarise(problem: Problem, setup: Setup, method: str, searches: list[Optimi
             *limit_note(problem, optimum.theta),
             *_step_notes(problem, setup, optimum),
             *_data_notes(setup, differences),
+            *_input_noise_notes(problem, setup, optimum),
             *_known_parameter_notes(setup, [item.parameter for item in unknowns.items]),
         ),
     )
@@ -138,10 +140,22 @@ def _step_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
         fine, _ = halved(problem, setup)
     except RunError:  # more steps than fit into memory
         return []
+    return shift_note(problem.unknowns.names, _moved(at, fine), setup.experiments[0].times.h)
+
+
+def _input_noise_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
+    """Warnings where the confidence intervals do not cover the noise of the inputs and nothing else reports it."""
+    if any(rough_inputs(one.record, one.eq) for one in setup.experiments):
+        return []
+    filtered, inputs = filtered_problem(problem, setup)
+    return input_noise_note(problem.unknowns.names, _moved(at, filtered), inputs, COVERED) if inputs else []
+
+
+def _moved(at: _Optimum, other: Problem) -> np.ndarray:
+    """How far each number moves in another version of the problem, in half widths of its interval."""
     low, high = intervals(at.theta, at.known.covariance, at.known.freedom)
-    residuals = fine.residuals(at.theta)
-    off = shifts(at.residuals, residuals, at.jacobian, (high - low) / 2, prior=at.prior, held=at.rows)
-    return shift_note(problem.unknowns.names, off, setup.experiments[0].times.h)
+    residuals = other.residuals(at.theta)
+    return shifts(at.residuals, residuals, at.jacobian, (high - low) / 2, prior=at.prior, held=at.rows)
 
 
 def unknown_sizes(problem: Problem, theta: np.ndarray, jacobian: Jacobian) -> np.ndarray:

@@ -12,6 +12,7 @@ from tsmblocks.common import units
 from tsmblocks.common.tables import columns, line_width, listed, split_columns, table_width
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
+from tsmblocks.fitting.above_noise import FAR, beyond_noise
 from tsmblocks.fitting.compare import Comparison, Row, overall
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
 from tsmblocks.fitting.result import STATUS, Estimate, Fit
@@ -19,8 +20,6 @@ from tsmblocks.fitting.score import Differences
 
 CLOSE = 0.95
 """Magnitude of a correlation from which two parameters are reported as hard to distinguish. Chosen."""
-FAR = 1.5
-"""Error relative to the noise from which advice is given. Chosen."""
 MOST = 5
 """Pairs of parameters that are listed; the rest is counted. Chosen."""
 MOST_OF_STATES = 2
@@ -83,6 +82,11 @@ def residual_rows(differences: Differences) -> list[tuple[str, ...]]:
 
 
 def cautions(fit: Fit) -> list[str]:
+    """Cautions on the estimates, the data and the model, a sentence each."""
+    return [*estimate_cautions(fit), *fit.notes, *beyond_noise(fit)]
+
+
+def estimate_cautions(fit: Fit) -> list[str]:
     """Cautions on the estimates, a sentence each."""
     said = []
     if fit.agreeing == 1 and len(fit.searches) > 1:
@@ -107,7 +111,7 @@ def cautions(fit: Fit) -> list[str]:
     said += [f"{words} are hard to distinguish (correlation {c:+.3f})." for words, c in [*strongest.items()][:MOST]]
     if len(strongest) > MOST:
         said.append(f"So are {len(strongest) - MOST} more pairs, above a correlation of {CLOSE:g}.")
-    return [*said, *fit.notes]
+    return said
 
 
 def _combinations(fit: Fit) -> list[str]:
@@ -215,6 +219,20 @@ def open_numbers(fit: Fit) -> list[str]:
     """Numbers of a fit that its data do not determine, initial states last."""
     open_ = {name for u in fit.undetermined if u.kind != UNCERTAIN for name in u.names}
     return [e.name for e in sorted(fit.estimates, key=lambda e: e.is_start) if e.name in open_]
+
+
+def for_diagnosis(comparison: Comparison) -> str:
+    """The model to diagnose: the best, or where the data do not determine it, the simplest that they determine."""
+
+    def is_open(row: Row) -> bool:
+        """Whether a parameter, initial states not counted, is not determined."""
+        starts = {e.name for e in row.fit or () if e.is_start}
+        return row.fit is None or not starts.issuperset(open_numbers(row.fit))
+
+    determined = [row for row in comparison if not is_open(row) and np.isfinite(row.figure)]
+    if not determined or not is_open(comparison.best):
+        return comparison.best.name
+    return min(determined, key=lambda row: row.parameters).name  # the better one of equals, which comes first
 
 
 def by_file(found: Mapping[str, Comparison]) -> str:
