@@ -1,8 +1,12 @@
 """Blocks looked for by the names they have in other programs."""
 
+import subprocess
+import sys
+
 import pytest
 
 import tsmblocks as tsm
+from tsmblocks.cli import main
 from tsmblocks.common.errors import TsmError
 from tsmblocks.model.aliases import BLOCK_NAMES, OTHER_NAMES
 from tsmblocks.model.block import REGISTRY
@@ -33,3 +37,22 @@ def test_a_script_that_uses_them_is_told():
     with pytest.raises(AttributeError) as caught:
         tsm.blocks.TransferFcn()
     assert str(caught.value) == "tsmblocks.blocks has no 'TransferFcn'. Its name here is 'TransferFunction'."
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("from tsmblocks.blocks import Gain, Backlash", "ImportError: {}"),
+        ("import tsmblocks as tsm; tsm.blocks.Backlash()", "AttributeError: {}"),  # Python adds no other name
+    ],
+)
+def test_a_program_that_ends_so_prints_the_name_here_and_no_other(code, said):
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    last = done.stderr.splitlines()[-1]
+    assert last == said.format("tsmblocks.blocks has no 'Backlash'. Its name here is 'Play'.")
+    assert not hasattr(tsm.blocks, "Backlash")
+
+
+def test_the_command_that_lists_blocks_says_the_name_here(capsys):
+    assert main(["blocks", "Backlash"]) != 0
+    assert "there is no block 'Backlash'. Its name here is 'Play'." in capsys.readouterr().err

@@ -16,7 +16,9 @@ Every message says where, what, what was expected, and suggests the nearest know
 
 from __future__ import annotations
 
+import opcode
 import re
+import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
@@ -233,3 +235,16 @@ def several(names: Sequence[str], what: str) -> str:
     if not names:
         return f"no {what}"
     return f"{len(names)} {what}{'s' if len(names) > 1 else ''} ({clip(', '.join(names))})"
+
+
+def no_such_name(module: str, name: str, hint: str) -> AttributeError | ImportError:
+    """The error that the ``__getattr__`` of a module raises: an ImportError with the hint for ``from module import``.
+
+    There Python replaces the text of an AttributeError; to that of any other access it adds the nearest name itself,
+    unless the error has a name already.
+    """
+    text, caller = f"{module} has no '{name}'.{hint}", sys._getframe(2)
+    importing = caller.f_code.co_code[caller.f_lasti] == opcode.opmap["IMPORT_FROM"]
+    if importing and f"{module}.{name}" not in sys.modules:  # a module half imported is found there
+        return ImportError(text, name=module)
+    return AttributeError(text, name=name)
