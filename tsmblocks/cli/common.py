@@ -156,7 +156,7 @@ SHARED: dict[str, dict[str, Any]] = {
         metavar="NAME=VALUE",
         type=setting,
         default=[],
-        help="other values for parameters, such as pid.kp=2.2",
+        help="other values for parameters, such as pid.kp=2.2 or play.half_width=1deg",
         **SEVERAL,
     ),
     "--method": dict(

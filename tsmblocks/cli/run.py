@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.cli import common, console, recordings
+from tsmblocks.cli import common, console, parameters, recordings
 from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.tables import columns
@@ -60,7 +60,7 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.files import load
 
     out, plot = common.result_path(args.out), common.figure_path(args.plot)
-    diagram = load(args.diagram).with_parameters(dict(args.settings))
+    diagram = parameters.with_settings(load(args.diagram), args.settings)
     recordings.take_hold(args, diagram)
     record, inputs = recordings.read_inputs(args, diagram, args.diagram)
     known, name = diagram.simulation, record.name if record is not None else ""
