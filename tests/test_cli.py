@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tsmblocks.data import read
 from tsmblocks.draw.picture import LIGHT
 from tsmblocks.files import load
 from tsmblocks.files.shipped import shipped_names
+from tsmblocks.simulation.stability import StepWarning
 
 PAPER = importlib.import_module("tsmblocks.demo.paper")
 SIMULATE = importlib.import_module("tsmblocks.simulation.simulate")  # the package shows a function of that name
@@ -457,3 +459,31 @@ def test_without_matplotlib_the_way_out_is_told(tsm, monkeypatch):
     status, out, err = tsm("run", "fig09a_without_feedforward", "--stop", 1, "--plot", "a.png")
     assert (status, out) == (2, ""), "it is told before the run"
     assert 'Plots need matplotlib: pip install "tsmblocks[plots]"' in err
+
+
+SERVO = """
+format = 1
+title = "Servo with a short transient inside"
+wires = ["ref -> err.plus", "m.y -> err.minus", "err -> pid -> limit -> m.u"]
+[blocks]
+ref = { type = "Step", time = 1.3, unit = "rad" }
+err = { type = "Sum", signs = "+-" }
+pid = { type = "PID", kp = 2.0, ki = 5.0, kd = 0.1 }
+limit = { type = "Saturation", low = -24.0, high = 24.0 }
+m = { type = "DCMotor", L = 0.00055 }
+[outputs]
+pos = "m.y"
+"""
+
+
+def test_the_step_is_looked_at_as_from_python(tsm, here):
+    (here / "servo.toml").write_text(SERVO)
+    arguments = dict(method="sdirk2", step=1e-3, stop=10.0)
+    with pytest.warns(StepWarning) as given:
+        SIMULATE.simulate(load("servo.toml"), **arguments)
+    with warnings.catch_warnings(record=True) as missed:  # the transient of the current shows in no output
+        warnings.simplefilter("always")
+        SIMULATE.simulate(load("servo.toml"), log="outputs", **arguments)
+    assert not missed
+    _, _, err = tsm("run", "servo.toml", "--method", "sdirk2", "--step", 0.001, "--stop", 10)
+    assert " ".join(str(given[0].message).split()) in " ".join(err.split())

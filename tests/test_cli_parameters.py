@@ -1,5 +1,6 @@
 """What commands that search take alike: values, bounds and local parameters; and commands that they print."""
 
+import json
 import shlex
 
 import numpy as np
@@ -91,3 +92,29 @@ def test_a_figure_without_unit_is_no_share():
     one, two = (tsm.compare({"k": gain}, data, outputs=names, starts=1) for names in (["y"], ["y", "z"]))
     assert "of the spread" not in str(one)
     assert "[of the spread]" in str(two)
+
+
+def test_a_value_may_have_a_unit(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    blocks = dict(ref=tsm.blocks.Sine(unit="rad"), slack=tsm.blocks.Play(), lag=FirstOrderLag())
+    tsm.save(tsm.Diagram(blocks=blocks, wires=["ref -> slack -> lag"], outputs={"y": "lag"}), "d.toml")
+
+    def largest(*settings):
+        assert main(["run", "d.toml", "--stop", "5", "--json", "--set", *settings]) == 0
+        return json.loads(capsys.readouterr().out)["outputs"]["y"]["max"]
+
+    assert largest("slack.half_width=10deg", "lag.time_constant=300 ms") == pytest.approx(
+        largest("slack.half_width=0.17453292519943295", "lag.time_constant=0.3"), rel=1e-12
+    )
+    for setting, said in (
+        ("slack.half_width=1V", "--set slack.half_width=1V: 'V' does not convert to 'rad'."),
+        ("lag.gain=1V", "--set lag.gain=1V: lag.gain has no unit that is known; give a number alone."),
+    ):
+        assert main(["run", "d.toml", "--set", setting]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_a_name_with_a_blank_needs_quotes(folder, capsys):
+    assert main(["fit", "tendon_sheath_play", "--data", "b.csv", "--map", "x_in=Motor", "pos"]) == 2
+    said = "'pos' is not NAME=COLUMN; a name with blanks needs quotes, such as 'x_in=Motor pos'"
+    assert said in " ".join(capsys.readouterr().err.split())

@@ -7,6 +7,7 @@ from tsmblocks.block import Block, Input, Output, block, parameter, state
 import tsmblocks as tsm
 from tsmblocks.blocks import Constant, DiscreteTransferFunction, FirstOrderLag, Integrator, Sum, Tanh
 from tsmblocks.common.errors import NotFinite
+from tsmblocks.simulation.stability import StepWarning
 
 
 @block(register=False)
@@ -99,3 +100,12 @@ def test_of_states_that_overflow_in_one_step_the_first_cause_is_named():
     assert failure(blocks, ["c -> x -> late"]).block == "x"
     blocks = dict(late=FirstOrderLag(time_constant=1.0), s=Sum(signs="++"), c=Constant(), x=Escape())
     assert failure(blocks, ["c -> s.plus1", "s -> x -> late -> s.plus2"]).block == "x"
+
+
+def test_a_pole_that_is_too_fast_for_the_method_leads_to_an_implicit_one():
+    blocks = dict(c=Constant(), lag=FirstOrderLag(time_constant=1e-4))
+    with pytest.warns(StepWarning, match="an implicit method"):
+        error = failure(blocks, ["c -> lag"])
+    assert str(error).endswith("try a smaller step or an implicit method (method='sdirk2').")
+    d = tsm.Diagram(title="d", blocks=blocks, wires=["c -> lag"])
+    assert tsm.simulate(d, stop=2.0, step=0.01, method="sdirk2")["lag.y"][-1] == pytest.approx(1.0)

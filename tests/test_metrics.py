@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
-from tsmblocks.common.errors import DataError, ParameterError
+from tsmblocks.common.errors import DataError, ParameterError, RunError
 from tsmblocks.common.units import UnitError
 from tsmblocks.metrics.metrics import Metric, measure, metric, metrics
 from tsmblocks.metrics.reductions import REDUCTIONS
@@ -153,6 +153,20 @@ def test_metrics_of_a_run():
     assert list(measure(run)) == ["peak-to-peak error", "rms error", "largest error", "effort"]
 
 
+def test_a_target_in_another_unit_is_seen():
+    run = tsm.simulate(tsm.load("motor_linear"), stop=0.1, inputs={"u": 12.0})
+    said = r"metric 'overshoot\(x, 60\)': the signal does 3\.\d% of the step from 0 to the target 60\. The target is"
+    with pytest.warns(UserWarning, match=said):
+        assert measure(run, "overshoot(x, 60)") == {"overshoot(x, 60)": 0.0}
+    assert measure(run, "overshoot(x, 1)")["overshoot(x, 1)"] > 0.5
+
+
+def test_a_run_without_the_usual_signals_is_told_how_others_are_named():
+    run = tsm.simulate(tsm.load("motor_linear"), stop=0.1, inputs={"u": 12.0})
+    with pytest.raises(RunError, match=r"has no signal 'x_ref'.* tracking_error\(run, reference='a', output='b'\)\."):
+        tsm.tracking_error(run)
+
+
 def test_what_others_call_total_variation_is_found():
     t = np.linspace(0.0, 2.0, 2001)
     assert metric("variation(u)", {"u": "V"})(t, {"u": np.sin(2 * np.pi * t)}) == pytest.approx(8.0)
@@ -198,6 +212,14 @@ REFUSED = {
     "rms(u, after=u)": "a plain number is expected here.",
     "settling_time(u, 1 / 0)": "this is a division by zero.",
     "rms(u) / 0": "this is a division by zero.",
+    "ISE(x_ref)": "the name 'ISE' is not known. Write integral(e**2), e being the error, such as x_ref - x_out.",
+    "overshoot(u, 5%)": "this cannot be read from here on. 5 % is written 0.05.",
+    "rms(u, 2 x_ref)": "this cannot be read from here on.",
+    **dict.fromkeys(
+        ("settling_time(u, 1deg)", "settling_time(u, 1 deg)", "settling_time(u, 1°)"),
+        "this cannot be read from here on. A number has no unit here; it is in that of the signal. "
+        "1 deg in rad is pi / 180.",
+    ),
 }
 
 

@@ -579,6 +579,10 @@ REFUSED = {
         dict(subject_to=["rms(y)"]),
         "'rms(y)' is no limit of a metric. Write for example 'largest(u) <= 20'.",
     ),
+    "share": (
+        dict(subject_to=["overshoot(y, 1) < 5%"]),
+        "'overshoot(y, 1) < 5%' is no limit of a metric. 5 % is written 0.05. Write for example 'largest(u) <= 20'.",
+    ),
     "limit on the left": (
         dict(subject_to=["2 >= rms(y)"]),
         "'2 >= rms(y)': the limit must be a plain number, on the right.",

@@ -48,7 +48,7 @@ def __getattr__(name: str) -> Any:
     packages = [p for p, home in _HOME.items() if home == __name__] if name.isidentifier() and name[0] != "_" else []
     where = [p for p in packages if callable(getattr(import_module(f"{__name__}.{p}"), name, None))]
     hint = f" It is tsmblocks.{where[0]}.{name}." if where else errors.near(name, __all__)
-    raise AttributeError(f"tsmblocks has no '{name}'.{hint}")
+    raise errors.no_such_name(__name__, name, hint)
 
 
 def __dir__() -> list[str]:

@@ -36,7 +36,7 @@ def a_parameter_is_misspelt():
     PID(kpp=2.0)
 
 
-@mistake(ParameterError, "Saturation has no parameter 'upper'. Known here: high, low.")
+@mistake(ParameterError, "Saturation has no parameter 'upper'. Its name here is 'high'.")
 def a_parameter_of_another_tool():
     Saturation(upper=2.0)
 

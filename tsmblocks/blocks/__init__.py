@@ -115,6 +115,7 @@ __all__ = sorted(  # noqa: PLE0605 - one list of names is enough
 
 
 def __getattr__(name: str) -> Any:
+    from tsmblocks.common.errors import no_such_name
     from tsmblocks.model.aliases import block_hint
 
-    raise AttributeError(f"tsmblocks.blocks has no '{name}'.{block_hint(name, __all__)}")
+    raise no_such_name(__name__, name, block_hint(name, __all__))

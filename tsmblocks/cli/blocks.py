@@ -31,10 +31,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     import tsmblocks.blocks  # noqa: F401 - importing it registers every block
+    from tsmblocks.model.aliases import block_hint
     from tsmblocks.model.block import REGISTRY
 
     if args.name:
-        made = card(REGISTRY[common.known_name(args.name, REGISTRY, "block")])
+        made = card(REGISTRY[common.known_name(args.name, REGISTRY, "block", block_hint)])
         common.print_result(args, made, card_text(made))
         return 0
     listed = {k: {name: words(cls)[0] for name, cls in some.items()} for k, some in by_family(REGISTRY).items()}

@@ -156,7 +156,7 @@ SHARED: dict[str, dict[str, Any]] = {
         metavar="NAME=VALUE",
         type=setting,
         default=[],
-        help="other values for parameters, such as pid.kp=2.2",
+        help="other values for parameters, such as pid.kp=2.2 or play.half_width=1deg",
         **SEVERAL,
     ),
     "--method": dict(
@@ -313,10 +313,10 @@ def option_names(typed: Iterable[tuple[str, str]]) -> Iterator[None]:
         raise
 
 
-def known_name(name: str, known: Iterable[str], what: str) -> str:
-    """The known name that equals ``name``, ignoring case; raises UsageError with the nearest one."""
+def known_name(name: str, known: Iterable[str], what: str, hint: Callable[[str, Sequence[str]], str] = near) -> str:
+    """The known name that equals ``name``, ignoring case; raises UsageError with a hint, by default the nearest one."""
     names = list(known)
     same = [k for k in names if k == name] or [k for k in names if k.lower() == name.lower()]
     if not same:
-        raise UsageError(f"there is no {what} '{name}'.{near(name, names)}")
+        raise UsageError(f"there is no {what} '{name}'.{hint(name, names)}")
     return same[0]

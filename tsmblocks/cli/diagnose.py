@@ -90,7 +90,7 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.files import load
 
     folder, plot = _folder(args.out), common.figure_path(args.plot)
-    diagram = load(args.diagram).with_parameters(dict(args.settings))
+    diagram = parameters.with_settings(load(args.diagram), args.settings)
     records = recordings.read_experiments(args, diagram, report=False)  # they are among the notes of the diagnosis
     names = ("free", "noise_floor", "effects", "outputs", "window", "condition", "seed", "step", "hold", "local")
     line = console.progress_line(_Progress(args.time_limit), quiet=args.json)

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from tsmblocks.cli import common
+from tsmblocks.cli import common, parameters
 from tsmblocks.common.atomic_write import replace_file
 
 HELP = "draw a diagram to .svg, .png, .pdf or .mmd"
@@ -43,7 +43,7 @@ def execute(args: argparse.Namespace) -> int:
 
     path = common.result_path(args.out or f"{Path(args.diagram).stem}.svg", ENDINGS)
     assert path is not None
-    diagram = load(args.diagram).with_parameters(dict(args.settings))
+    diagram = parameters.with_settings(load(args.diagram), args.settings)
     picture = {"inside": args.inside, "parameters": not args.symbols, "wrap": args.wrap}
     write(diagram, path, args.highlight, picture, args.theme)
     facts = {"diagram": args.diagram, "title": diagram.title, "written": [path]}

@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 from functools import partial
 
-from tsmblocks.cli import common
+from tsmblocks.cli import common, parameters
 
 HELP = "write a diagram as C source, or as a MAT file"
 
@@ -35,7 +35,7 @@ def execute(args: argparse.Namespace) -> int:
 
     out = common.result_path(args.out, (".c", ".mat"))
     assert out is not None
-    diagram = load(args.diagram).with_parameters(dict(args.settings))
+    diagram = parameters.with_settings(load(args.diagram), args.settings)
     if out.suffix.lower() == ".mat":
         if args.step is not None or args.method is not None:
             raise common.UsageError("--step and --method are for C; a MAT file has no step.")

@@ -85,7 +85,7 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.fitting.fit import fit
 
     out, plot = common.result_path(args.out, (".toml",)), common.figure_path(args.plot)
-    diagram = load(args.diagram).with_parameters(dict(args.settings))
+    diagram = parameters.with_settings(load(args.diagram), args.settings)
     records = recordings.read_experiments(args, diagram)
     with (
         common.option_names(OPTION_NAMES),

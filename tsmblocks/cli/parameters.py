@@ -1,10 +1,19 @@
-"""Options on the parameters of a model that several commands fit."""
+"""Options on the parameters of a model that several commands take."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
 from tsmblocks.cli import common
+from tsmblocks.common import units
+
+if TYPE_CHECKING:
+    from tsmblocks.model.diagram import Diagram
+
+_QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d_].*)")
+"""A number and its unit."""
 
 
 def local_and_bounds(add: Callable[..., None]) -> None:
@@ -20,3 +29,40 @@ def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
     form = "NAME=LOW:HIGH, such as tsm.theta=0.1:50"
     name, value = common.name_and_value(text, form)
     return name, common.number_range(value, form, text)
+
+
+def with_settings(diagram: Diagram, settings: Iterable[tuple[str, Any]]) -> Diagram:
+    """The diagram with the values of --set; one with a unit (``1deg``) is converted to that of its parameter.
+
+    Raises UsageError where a unit does not fit, ParameterError as ``Diagram.with_parameters``.
+    """
+    return diagram.with_parameters({name: _in_own_unit(diagram, name, value) for name, value in settings})
+
+
+def _in_own_unit(diagram: Diagram, name: str, value: Any) -> Any:
+    """A value of --set; unchanged where it is no number with a unit, or the name is none of a number."""
+    match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
+    if match is None or name not in diagram.parameters:
+        return value
+    unit = _unit_of(diagram, name.partition("[")[0])
+    if not unit:
+        raise common.UsageError(f"--set {name}={value}: {name} has no unit that is known; give a number alone.")
+    try:
+        return float(match[1]) * units.factor(match[2], unit)
+    except units.UnitError as error:
+        raise common.UsageError(f"--set {name}={value}: {error}") from None
+
+
+def _unit_of(diagram: Any, name: str) -> str:
+    """The unit of a parameter by its full name, ``""`` where none is known; ``?u`` is that of a port."""
+    head, _, rest = name.partition(".")
+    block = diagram.blocks.get(head)
+    if block is None:
+        return ""
+    if hasattr(block, "blocks"):
+        return _unit_of(block, rest)
+    unit = block.fields()[rest].unit
+    if "?" not in unit:
+        return str(unit)
+    ports = [port for port, spec in {**block.inports, **block.outports}.items() if spec.unit == unit]
+    return next(filter(None, (diagram.unit(f"{head}.{port}") for port in ports)), "")

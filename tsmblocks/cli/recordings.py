@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import attrs
@@ -15,6 +16,9 @@ from tsmblocks.cli.common import SEVERAL, UsageError, finite_float, integer_from
 from tsmblocks.cli.console import print_note
 from tsmblocks.common.errors import near
 from tsmblocks.common.units import heading, split_heading
+
+COLUMN_FORM = "NAME=COLUMN; a name with blanks needs quotes, such as 'x_in=Motor pos'"
+"""What --map expects, in messages."""
 
 
 def data_arguments(options: argparse._ActionsContainer, *, several: bool = False, condition: bool = True) -> None:
@@ -32,7 +36,14 @@ def data_arguments(options: argparse._ActionsContainer, *, several: bool = False
         "the column that holds a signal (or the time t), when it has another name; NAME has the unit where the "
         "file gives none: 'x_in [deg]=motor'"
     )
-    add("--map", metavar="NAME=COLUMN", type=name_and_value, default=[], help=named, **SEVERAL)
+    add(
+        "--map",
+        metavar="NAME=COLUMN",
+        type=partial(name_and_value, form=COLUMN_FORM),
+        default=[],
+        help=named,
+        **SEVERAL,
+    )
     columns = (
         "names of the columns, in order, where the file has no header, or in its place: 't, x_in [deg], , x_out' "
         "(empty for a column that is not read, as are those after the last name)"

@@ -17,13 +17,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.cli import common, console, recordings
+from tsmblocks.cli import common, console, parameters, recordings
 from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.tables import columns
 
 DEFAULT_STEP = 1e-3
 """Step [s] where neither the command nor the diagram's file gives one, as for ``simulate``."""
+MOST_KEPT_NUMBERS = 10_000_000
+"""Numbers of a run (80 MB) up to which all signals are kept. Chosen."""
 OPTIONS = ("stop", "stop_when", "step", "method", "every", "backend", "loops", "locate", "check_step")
 """Options of the command that ``simulate`` takes by the same names."""
 HELP = "run a diagram, print its tracking error or a table of outputs"
@@ -58,7 +60,7 @@ def execute(args: argparse.Namespace) -> int:
     from tsmblocks.files import load
 
     out, plot = common.result_path(args.out), common.figure_path(args.plot)
-    diagram = load(args.diagram).with_parameters(dict(args.settings))
+    diagram = parameters.with_settings(load(args.diagram), args.settings)
     recordings.take_hold(args, diagram)
     record, inputs = recordings.read_inputs(args, diagram, args.diagram)
     known, name = diagram.simulation, record.name if record is not None else ""
@@ -94,7 +96,7 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
                 diagram,
                 start=start,
                 inputs=inputs,
-                log="outputs" if diagram.outputs else "all",
+                log=_kept(args, diagram, start, inputs),
                 progress=progress,
                 **common.passed(args, *OPTIONS),
             )
@@ -102,6 +104,16 @@ def _simulate(args: argparse.Namespace, diagram: Any, record: Any, inputs: dict[
         if out and error.run is not None and len(error.run.t):
             console.print_note(f"the run up to t = {error.run.t[-1]:g} s was written to {error.run.save(out)}.")
         raise
+
+
+def _kept(args: argparse.Namespace, diagram: Any, start: float, inputs: dict[str, Any]) -> str:
+    """Signals to keep: all, as from Python, since the look at the step sees more then; of a long run the outputs."""
+    from tsmblocks.simulation.arguments import RunOptions
+    from tsmblocks.simulation.compiled import equations
+
+    times = RunOptions(start=start, inputs=inputs, **common.passed(args, "stop", "step", "every")).times
+    few = times.kept * len(equations(diagram, loops=args.loops).y) <= MOST_KEPT_NUMBERS
+    return "all" if few or not diagram.outputs else "outputs"
 
 
 def _residuals(diagram: Any, run: Any, record: Any) -> Any:

@@ -16,7 +16,9 @@ Every message says where, what, what was expected, and suggests the nearest know
 
 from __future__ import annotations
 
+import opcode
 import re
+import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
@@ -161,11 +163,28 @@ def _printable(text: str) -> str:
 
 
 def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "") -> str:
-    """`` Did you mean 'x'?`` when a known name is close, otherwise the known names, followed by ``otherwise``.
+    """`` Did you mean 'x'?`` when a known name is close, otherwise the known names, followed by ``otherwise``."""
+    choices = sorted({str(k) for k in known})
+    if close := nearest(name, choices):
+        return f" Did you mean '{clip(close)}'?"
+    return f"{known_here(choices, most)}{otherwise}"
+
+
+def known_here(choices: Sequence[str], most: int) -> str:
+    """`` Known here: a, b.`` with the first names; how many there are where that is not all."""
+    if not choices:
+        return " There are none."
+    more = f", … ({len(choices)} in all)" if len(choices) > most else ""
+    return f" Known here: {', '.join(map(clip, choices[:most]))}{more}."
+
+
+def nearest(name: object, known: Iterable[str]) -> str:
+    """The known name that is close to another, or ``""``.
 
     Close is, in this order: a difference of a letter or two; the only name that contains the word (``play`` is
-    ``tendon_sheath_play``); a similar spelling; the only name that begins so; an end that differs by a letter or two.
-    A single letter does not count as a word, nor two letters as a beginning.
+    ``tendon_sheath_play``); a similar spelling; the only name that begins so; an end that differs by a letter or two;
+    the only name that is a word of it (``gear_ratio`` is ``gear``). A single letter does not count as a word, nor two
+    letters as a beginning.
     """
     choices, text = sorted({str(k) for k in known}), str(name)
     likely, plain = _likely(text, choices), text.casefold()
@@ -177,13 +196,9 @@ def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "")
         or get_close_matches(text, likely, 1, 0.6)
         or _only([k for k in choices if len(plain) > 2 and k.casefold().startswith(plain)])
         or _with_end(plain, choices)
+        or _only([k for k in choices if len(k) > 1 and words[k] in f"_{plain}_"])
     )
-    if close:
-        return f" Did you mean '{clip(close[0])}'?"
-    if not choices:
-        return f" There are none.{otherwise}"
-    more = f", … ({len(choices)} in all)" if len(choices) > most else ""
-    return f" Known here: {', '.join(map(clip, choices[:most]))}{more}.{otherwise}"
+    return close[0] if close else ""
 
 
 def _only(found: list[str]) -> list[str]:
@@ -233,3 +248,16 @@ def several(names: Sequence[str], what: str) -> str:
     if not names:
         return f"no {what}"
     return f"{len(names)} {what}{'s' if len(names) > 1 else ''} ({clip(', '.join(names))})"
+
+
+def no_such_name(module: str, name: str, hint: str) -> AttributeError | ImportError:
+    """The error that the ``__getattr__`` of a module raises: an ImportError with the hint for ``from module import``.
+
+    There Python replaces the text of an AttributeError; to that of any other access it adds the nearest name itself,
+    unless the error has a name already.
+    """
+    text, caller = f"{module} has no '{name}'.{hint}", sys._getframe(2)
+    importing = caller.f_code.co_code[caller.f_lasti] == opcode.opmap["IMPORT_FROM"]
+    if importing and f"{module}.{name}" not in sys.modules:  # a module half imported is found there
+        return ImportError(text, name=module)
+    return AttributeError(text, name=name)

@@ -14,7 +14,7 @@ from tsmblocks.common.errors import DiagramError, FileError, ParameterError, Tsm
 from tsmblocks.files.faults import DIAGRAM_KEYS, REFUSED, UNEXPECTED_ERRORS, KeyPath, Part, dotted_name, misspelt_keys
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import load_text, parse_tables
-from tsmblocks.model.aliases import block_hint
+from tsmblocks.model.aliases import block_hint, field_hint
 from tsmblocks.model.block import REGISTRY, Block, plain, validate
 from tsmblocks.model.diagram import DEEPEST, Diagram
 
@@ -81,7 +81,7 @@ def _fault_of(cls: type[Block], key: str, value: Any) -> str:
     """The fault of one value, ``""`` if there is none."""
     field = cls.fields().get(key)
     if field is None:
-        return f"{cls.__name__} has no parameter '{clip(key)}'.{near(key, cls.fields())}"
+        return f"{cls.__name__} has no parameter '{clip(key)}'.{field_hint(key, cls.fields())}"
     if isinstance(value, str) and len(value) > LONGEST_TEXT:
         return f"{cls.__name__}.{key} is a text of {len(value):,} characters; at most {LONGEST_TEXT:,} are read."
     if _holds_table(value):

@@ -9,8 +9,10 @@ from __future__ import annotations
 import ast
 import math
 import operator
+import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import reduce
 from typing import Any, NoReturn
 
@@ -18,6 +20,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
+from tsmblocks.common import units
 from tsmblocks.common.errors import ParameterError, clip, in_words, near
 
 MAX_LENGTH = 1000
@@ -232,13 +235,24 @@ def reader(what: str, text: Any, known: Sequence[str], kind: str = "parameter") 
             tree = ast.parse(text, mode="eval").body
     except SyntaxError as error:
         place = min(max((error.offset or 1) - 1, 0), len(text) - 1)
-        hint = " Write == for equal." if text[place] == "=" or "==" in error.msg else ""
+        hint = " Write == for equal." if text[place] == "=" or "==" in error.msg else _unit_hint(text, kind)
         _refuse(what, text, f"this cannot be read from here on.{hint}", place, place + 1)
     except (ValueError, RecursionError, MemoryError):
         _refuse(what, text, "this cannot be read.", 0, len(text))
     if _depth(tree) > MAX_DEPTH:
         _refuse(what, text, f"this is nested more than {MAX_DEPTH} deep.", 0, len(text))
     return Reader(what, text, tree, known, kind)
+
+
+def _unit_hint(text: str, kind: str) -> str:
+    """A hint where a number has a unit in a text that cannot be read, else ``""``."""
+    for number, unit in re.findall(r"(?<![\w.])(\d+\.?\d*(?:e[+-]?\d+)?) ?(%|°|[^\W\d_]+)", text):
+        if unit == "%":
+            return f" {number} % is written {float(number) / 100:g}."
+        with suppress(units.UnitError):
+            units.parse(unit)
+            return f" A number has no unit here; it is in that of the {kind}. 1 deg in rad is pi / 180."
+    return ""
 
 
 def _refuse(what: str, text: str, why: str, first: int, last: int) -> NoReturn:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import ast
 import re
 import sys
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from itertools import pairwise
@@ -21,11 +22,13 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, ParameterError, RunError, clip, in_words, near
 from tsmblocks.metrics.expressions import FUNCTIONS, Expression, Reader, finite_or_none, name_in, reader
-from tsmblocks.metrics.reductions import DIMENSIONLESS, OTHER_NAMES, REDUCTIONS
+from tsmblocks.metrics.reductions import DIMENSIONLESS, OTHER_NAMES, RECIPES, REDUCTIONS
 
 TIME = "t"
 """Name of the time [s] in a metric, where no signal has it."""
 EXAMPLE = "Write for example 'rms(x_ref - x_out)'."
+FAR = 0.05
+"""Share of a step to a target below which the target is said to be far. Chosen: 60 for 60 deg in rad is 0.02."""
 DEFAULT_METRICS = {
     "peak-to-peak error": "peak_to_peak(x_ref - x_out)",
     "rms error": "rms(x_ref - x_out)",
@@ -90,13 +93,26 @@ class Metric:
         ``t`` (N,) are the instants [s]; ``signals`` is a mapping by name, or a run. NaN where a signal is not finite.
         Raises DataError where no instant counts.
         """
-        given = {k: np.asarray(signals[k], dtype=float) for k in self.signals}
-        wide = {k: v.reshape(len(t), -1) for k, v in given.items()}
-        if self.timed:
-            wide[TIME] = np.asarray(t, dtype=float).reshape(-1, 1)
+        wide = self._columns(t, signals)
         found = {f"#{k}": part.value(self.name, np.asarray(t), wide) for k, part in enumerate(self.parts)}
         made = self.factor * self.outer.of_arrays(found)
-        return float(made[0]) if all(v.ndim == 1 for v in given.values()) else made
+        return float(made[0]) if all(np.ndim(signals[k]) == 1 for k in self.signals) else made
+
+    def _columns(self, t: np.ndarray, signals: Any) -> dict[str, np.ndarray]:
+        """The signals and the time, each with one column for each run."""
+        wide = {k: np.asarray(signals[k], dtype=float).reshape(len(t), -1) for k in self.signals}
+        return {**wide, TIME: np.asarray(t, dtype=float).reshape(-1, 1)} if self.timed else wide
+
+    def far_targets(self, t: np.ndarray, signals: Any) -> Iterator[str]:
+        """A message for each target to which a signal does next to nothing of the step, as for one in another unit."""
+        for part in (part for part in self.parts if REDUCTIONS[part.reduction].numbers == ("target",)):
+            e, target = part.expression.of_arrays(self._columns(t, signals)), part.numbers[0]
+            moved, step = float(np.abs(e - e[0]).max()), abs(target - float(e[0].item()))
+            if moved < FAR * step:
+                yield (
+                    f"metric '{clip(self.name)}': the signal does {moved / step:.1%} of the step from "
+                    f"{e[0].item():.4g} to the target {target:g}. The target is a number in the unit of the signal."
+                )
 
 
 def metric(text: str, signals: Mapping[str, str], name: str = "") -> Metric:
@@ -192,6 +208,11 @@ def measure(run: Any, wanted: Any = None) -> dict[str, float]:
     RunError
         For anything that is not a run.
 
+    Warns
+    -----
+    UserWarning
+        Where a signal does less than a twentieth of the step to the target of its overshoot or rise time.
+
     Examples
     --------
     >>> import tsmblocks as tsm
@@ -202,6 +223,8 @@ def measure(run: Any, wanted: Any = None) -> dict[str, float]:
     if not all(hasattr(run, part) for part in ("t", "unit", "keys")):
         raise RunError(f"only a run can be measured, got {in_words(run)}.")
     found = metrics(wanted, {name: run.unit(name) for name in run})
+    for text in (text for one in found for text in one.far_targets(run.t, run)):
+        warnings.warn(text, UserWarning, stacklevel=2)
     return {one.given_name: one(run.t, run) for one in found}
 
 
@@ -264,7 +287,9 @@ class _Split:
             self.units[mark] = REDUCTIONS[name].unit_of(inside)
             return ast.Name(mark, ast.Load())
         if name not in FUNCTIONS:
-            hint = near(OTHER_NAMES.get(name, name), [*REDUCTIONS, *FUNCTIONS], 20)
+            recipe = RECIPES.get(name.casefold())
+            hint = f" Write {recipe}, e being the error, such as x_ref - x_out." if recipe else ""
+            hint = hint or near(OTHER_NAMES.get(name, name), [*REDUCTIONS, *FUNCTIONS], 20)
             self.read.refuse(f"the name '{clip(name, 40)}' is not known.{hint}", node.func)
         return ast.Call(node.func, [self.outer(a) for a in node.args], node.keywords)
 

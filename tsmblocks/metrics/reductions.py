@@ -91,3 +91,10 @@ OTHER_NAMES = {
     "average": "mean",
 }
 """Names of reductions in other programs, for messages."""
+RECIPES = {
+    "ise": "integral(e**2)",
+    "iae": "integral(abs(e))",
+    "itae": "integral(t * abs(e))",
+    "itse": "integral(t * e**2)",
+}
+"""Metrics that have a name elsewhere, as they are written here for an error e."""

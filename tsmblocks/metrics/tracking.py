@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common import units
-from tsmblocks.common.errors import DataError, in_words
+from tsmblocks.common.errors import DataError, TsmError, in_words
 
 
 @attrs.frozen
@@ -138,6 +138,8 @@ def tracking_error(
     ------
     DataError
         When no instant remains, and for arrays of different length.
+    RunError
+        For a run without these signals.
 
     Examples
     --------
@@ -148,7 +150,11 @@ def tracking_error(
     """
     if x_out is None:
         t, unit = run.t, run.unit(reference) or unit
-        x_ref, x_out = run[reference], run[output]
+        try:
+            x_ref, x_out = run[reference], run[output]
+        except TsmError as error:
+            others = "Other signals are named by reference and output: tracking_error(run, reference='a', output='b')."
+            raise type(error)(f"{error} {others}") from None
     else:
         x_ref = run
     wanted, reached = _pair("x_ref", x_ref, "x_out", x_out)

@@ -12,9 +12,10 @@ from typing import Any, ClassVar, TypeVar, dataclass_transform
 
 import attrs
 
-from tsmblocks.common.errors import BlockError, EquationError, ParameterError, in_words, near
+from tsmblocks.common.errors import BlockError, EquationError, ParameterError, in_words
 from tsmblocks.common.units import UnitError, parse
 from tsmblocks.common.views import view
+from tsmblocks.model.aliases import unknown_fields
 from tsmblocks.model.fields import (
     FLAT_LIST,
     Field,
@@ -403,9 +404,8 @@ def _by_name_only(init: Callable[..., None], cls: type[Block]) -> Callable[..., 
         if args:
             first = next(iter(cls._fields), "gain")
             raise ParameterError(f"{cls.__name__} takes its parameters by name: {first}={in_words(args[0])}.")
-        for name in values:
-            if name not in cls._fields:
-                raise ParameterError(f"{cls.__name__} has no parameter '{name}'.{near(name, cls._fields)}")
+        if unknown := [name for name in values if name not in cls._fields]:
+            raise ParameterError(unknown_fields(cls.__name__, unknown, cls._fields))
         init(self, **values, **_opposites(cls, values))
 
     return by_name

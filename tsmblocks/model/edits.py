@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import attrs
 
 from tsmblocks.common.errors import DiagramError, ParameterError, near, several
+from tsmblocks.model.aliases import field_hint
 from tsmblocks.model.block import Block, leaves, map_leaves, plain
 from tsmblocks.model.validation import name_faults, wires_fault
 from tsmblocks.model.wires import Fault, Link, end_text, fault_sentence, inlet_links, not_a_block, parse_chain, resolve
@@ -271,7 +272,7 @@ def _with_fields(block: Block, part: Mapping[str, Any]) -> Block:
     for key, value in part.items():
         name, bracket, _ = key.partition("[")
         if name not in block.fields():
-            raise ParameterError(f"{owner} has no parameter '{key}'.{near(key, block.fields())}")
+            raise ParameterError(f"{owner} has no parameter '{key}'.{field_hint(key, block.fields())}")
         if not bracket:
             changes[name] = plain(value)
             continue

@@ -17,8 +17,11 @@ ORDINARY_STATE = 1e20
 """States below this size did not grow without bound before they became non-finite. Chosen."""
 
 
-def divergence_error(session: Session, backend: str, steps: int) -> NotFinite:
-    """The error of a run that diverges within some steps, which are repeated with every signal logged."""
+def divergence_error(session: Session, backend: str, steps: int, fast: bool = False) -> NotFinite:
+    """The error of a run that diverges within some steps, which are repeated with every signal logged.
+
+    ``fast`` says that a pole which decays is too fast for the step, as it is not for an implicit method.
+    """
     eq, first = session.eq, session.k
     kernel = single_kernel(eq, session.kernel.plan.method, tuple(range(len(eq.y))), backend)
     again = attrs.evolve(session, kernel=kernel, memory=session.memory.copy(), every=1)
@@ -41,7 +44,7 @@ def divergence_error(session: Session, backend: str, steps: int) -> NotFinite:
         text = _output_message(eq, values, block, time)
     elif states := [k for k in (*eq.x, *eq.d) if not math.isfinite(values.get(k, 0.0))]:
         block = _first_diverging(eq, states, held)
-        text = _state_message(eq, values, held, _of(block, states), block, time)
+        text = _state_message(eq, values, held, _of(block, states), block, time, fast)
     else:  # signals of an algebraic loop that overflow together
         block = next((k for k, v in values.items() if not math.isfinite(v)), eq.y[0]).rpartition(".")[0]
         text = _output_message(eq, values, block, time)
@@ -142,7 +145,13 @@ def _output_message(eq: Equations, values: dict[str, float], block: str, time: f
 
 
 def _state_message(
-    eq: Equations, values: dict[str, float], before: dict[str, float], states: list[str], block: str, time: float
+    eq: Equations,
+    values: dict[str, float],
+    before: dict[str, float],
+    states: list[str],
+    block: str,
+    time: float,
+    fast: bool,
 ) -> str:
     kind = eq.reads[block][0] if block in eq.reads else "?"
     now = [(k, values[k]) for k in states[:4]]
@@ -151,4 +160,5 @@ def _state_message(
         text += f" One step before: {_pairs((k, before[k]) for k in states[:4])}."
     if before and all(abs(before[k]) < ORDINARY_STATE for k in states):
         return text + " Within the step its equations are undefined (a root, a logarithm, a division)."
-    return text + " The loop may be unstable, or the step too long for it; try a smaller step."
+    implicit = " or an implicit method (method='sdirk2')" if fast else ""
+    return f"{text} The loop may be unstable, or the step too long for it; try a smaller step{implicit}."

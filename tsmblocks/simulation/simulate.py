@@ -170,7 +170,7 @@ def simulate(
     if stopped is None or stopped.interrupted:
         return run
     last = Session(eq, kernel, stopped.memory, signals, origin, h, 1, stopped.k, hits)
-    error = divergence_error(last, backend, stopped.steps)
+    error = divergence_error(last, backend, stopped.steps, bool(poles))
     error.run = attrs.evolve(run, state=attrs.evolve(run.state, diverged_at=error.time))
     raise error
 

@@ -8,7 +8,7 @@ what to compare from a file, and ``plugin`` makes both available in pytest.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from tsmblocks.common.errors import near
+from tsmblocks.common.errors import near, no_such_name
 
 if TYPE_CHECKING:
     from tsmblocks.testing.diagram_checks import check_diagram
@@ -39,7 +39,7 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
-        raise AttributeError(f"tsmblocks.testing has no '{name}'.{near(name, __all__)}")
+        raise no_such_name(__name__, name, near(name, __all__))
     import_module("tsmblocks.testing.loops")  # adds a promise. Not before: every run of pytest imports this package
     return getattr(import_module(f"tsmblocks.testing.{_HOMES.get(name, 'promises')}"), name)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -110,7 +111,9 @@ def limit(text: Any, units: Mapping[str, str], diagram: Diagram) -> Limit:
         tree = None
     shown = f"'{clip(str(text))}'"
     if not isinstance(tree, ast.Compare) or len(tree.ops) != 1 or type(tree.ops[0]) not in SIGNS:
-        raise ParameterError(f"{shown} is no limit of a metric. Write for example 'largest(u) <= 20'.")
+        share = re.search(r"(\d+\.?\d*) ?%\s*$", str(text))
+        hint = f" {share[1]} % is written {float(share[1]) / 100:g}." if share else ""
+        raise ParameterError(f"{shown} is no limit of a metric.{hint} Write for example 'largest(u) <= 20'.")
     try:
         most = float(ast.literal_eval(tree.comparators[0]))
     except (ValueError, TypeError):
