@@ -32,7 +32,9 @@ def data():
 def test_a_residual_far_above_the_noise_is_told_as_in_a_comparison(data):
     fit, compared = tsm.fit(PLAY, data, starts=1), tsm.compare({"play": PLAY}, data, train=1, starts=1)
     (said,) = (text for text in fit.to_dict()["notes"] if "times the noise" in text)
-    assert said.startswith(f"The residual of x_out is {compared.above_noise:.2g} times the noise (")
+    assert said.startswith(f"The residual of x_out is {compared.above_noise:.0f} times the noise (")
+    assert f"its error is {compared.above_noise:.0f} times the noise" in str(compared)
+    assert compared.above_noise > 10
     assert f" deg rms, {compared.noise_from}): the model lacks an effect, and the intervals do not cover it." in said
     assert said in str(fit).replace("\n  ", " ")
     assert "tsm.diagnose, tsmblocks diagnose" in said
@@ -40,3 +42,8 @@ def test_a_residual_far_above_the_noise_is_told_as_in_a_comparison(data):
 
 def test_a_residual_of_the_size_of_the_noise_needs_no_word(data):
     assert "times the noise" not in str(tsm.fit(BOTH, data, starts=1))
+
+
+def test_a_bound_may_be_the_cause(data):
+    held = tsm.fit(BOTH, data, starts=1, bounds={"play.half_width": (0.0, 0.01)}, start={"play.half_width": 0.005})
+    assert "): a bound or constraint prevents a better fit, or the model lacks an effect" in held.to_dict()["notes"][-1]

@@ -30,6 +30,11 @@ def output_noise(name: str, unit: str, records: Mapping[str, Record], inputs: It
         return float("nan"), ""
 
 
+def factor_text(ratio: float) -> str:
+    """A ratio in two digits, or more where it is 100 or above."""
+    return f"{ratio:.1f}" if ratio < 9.95 else f"{ratio:.0f}"
+
+
 def beyond_noise(fit: Fit) -> list[str]:
     """A caution for each output whose residual is far above the noise of the recordings."""
     if fit.status in ("interrupted", "limit"):
@@ -44,9 +49,11 @@ def beyond_noise(fit: Fit) -> list[str]:
         noise, method = output_noise(name, own[0].unit, fit.records, fit.diagram.inports)
         if noise > 0 and rms >= FAR * noise:
             k, unit = units.display_unit(own[0].unit)
+            size = f"{k * noise:.3g} {unit}".rstrip()
+            held = "a bound or constraint prevents a better fit, or " if fit.active else ""
             said.append(
-                f"The residual of {name} is {rms / noise:.2g} times the noise ({f'{k * noise:.3g} {unit}'.rstrip()} "
-                f"rms, {method}): the model lacks an effect, and the intervals do not cover it. A diagnosis "
-                "(tsm.diagnose, tsmblocks diagnose) searches for it."
+                f"The residual of {name} is {factor_text(rms / noise)} times the noise ({size} rms, {method}): {held}"
+                "the model lacks an effect, and the intervals do not cover it. A diagnosis (tsm.diagnose, tsmblocks "
+                "diagnose) searches for it."
             )
     return said

@@ -12,7 +12,7 @@ from tsmblocks.common import units
 from tsmblocks.common.tables import columns, line_width, listed, split_columns, table_width
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
-from tsmblocks.fitting.above_noise import FAR, beyond_noise
+from tsmblocks.fitting.above_noise import FAR, beyond_noise, factor_text
 from tsmblocks.fitting.compare import Comparison, Row, overall
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
 from tsmblocks.fitting.result import STATUS, Estimate, Fit
@@ -208,7 +208,7 @@ def _beside_noise(comparison: Comparison) -> list[str]:
         return []
     k, unit = for_people(comparison)
     size = f"{k * comparison.noise:.3g} {unit}".rstrip()
-    text = f"{name} fits best: its error is {ratio:#.2g} times the noise of the recordings ({size} rms, "
+    text = f"{name} fits best: its error is {factor_text(ratio)} times the noise of the recordings ({size} rms, "
     text += f"{comparison.noise_from})."
     if ratio >= FAR:
         text += " Every model has an unmodelled effect. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
