@@ -382,6 +382,11 @@ def saved_nowhere():
     tsm.save(lag(), None)
 
 
+@mistake(FileError, "save has 1 problem:\n  1. 'servo.json' must end in .toml, since a diagram is written as TOML.")
+def a_diagram_written_under_another_ending():
+    tsm.save(lag(), "servo.json")
+
+
 @mistake(
     FileError,
     """

@@ -141,12 +141,12 @@ def save(diagram: Diagram, path: str | os.PathLike[str]) -> None:
     diagram : Diagram
         The diagram.
     path : str or path
-        The file.
+        File, which ends in ``.toml`` if it has an ending.
 
     Raises
     ------
     FileError
-        For contents that a file cannot hold, and where the file cannot be written.
+        For contents that a file cannot hold, for another ending, and where the file cannot be written.
 
     Examples
     --------
@@ -157,6 +157,8 @@ def save(diagram: Diagram, path: str | os.PathLike[str]) -> None:
     text = dumps(diagram)
     if not isinstance(path, (str, os.PathLike)):
         raise FileError("save", [f"a file is named by text or a path, got {in_words(path)}."])
+    if Path(path).suffix.lower() not in ("", ".toml"):
+        raise FileError("save", [f"'{clip(str(path))}' must end in .toml, since a diagram is written as TOML."])
     try:
         replace_file(path, text)
     except (OSError, ValueError) as error:

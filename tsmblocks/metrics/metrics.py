@@ -28,7 +28,7 @@ TIME = "t"
 """Name of the time [s] in a metric, where no signal has it."""
 EXAMPLE = "Write for example 'rms(x_ref - x_out)'."
 FAR = 0.05
-"""Share of a step to a target below which the target is said to be far. Chosen: 60 for 60 deg in rad is 0.02."""
+"""Share of a step to a target below which there is a warning. Chosen: 60 for 60 deg in rad is 0.02."""
 DEFAULT_METRICS = {
     "peak-to-peak error": "peak_to_peak(x_ref - x_out)",
     "rms error": "rms(x_ref - x_out)",

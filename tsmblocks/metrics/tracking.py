@@ -152,9 +152,9 @@ def tracking_error(
         t, unit = run.t, run.unit(reference) or unit
         try:
             x_ref, x_out = run[reference], run[output]
-        except TsmError as error:
+        except TsmError as fault:
             others = "Other signals are named by reference and output: tracking_error(run, reference='a', output='b')."
-            raise type(error)(f"{error} {others}") from None
+            raise type(fault)(f"{fault} {others}") from None
     else:
         x_ref = run
     wanted, reached = _pair("x_ref", x_ref, "x_out", x_out)
