@@ -106,8 +106,8 @@ smallest detectable sizes:
   backlash  gap width 0.04 deg
   drift     rate 1e-05
 
-not detectable at any size, since these experiments do not excite them or the
-diagram has no insertion point for them: coulomb_friction.
+not detectable at any size (not excited by these experiments, without an
+insertion point, or absorbed by parameters of the model): coulomb_friction.
 
 tracking full [deg]             peak to peak    rms
 without compensation                    20.0   7.00
@@ -462,6 +462,12 @@ def test_the_verdict_is_in_the_same_words_everywhere():
         assert f'<b class="word">{word}.</b>' in made._repr_html_()
         assert made.verdict == word.partition(",")[0].lower()
         assert "NAMED" not in str(made) or segment.effects
+
+
+def test_an_effect_that_was_named_is_not_listed_as_one_that_cannot_be_detected():
+    blind = [attrs.evolve(one, name=BACKLASH.name) if one.value is None else one for one in NAMED.limits]
+    assert "not detectable" in str(diagnosis(NAMED))
+    assert "not detectable" not in str(diagnosis(attrs.evolve(NAMED, limits=tuple(blind))))
 
 
 def test_how_many_effects_were_tried_is_said_and_the_others_are_a_next_step():

@@ -208,7 +208,8 @@ def limit_text(one: DetectionLimit) -> str:
 
 def _limits(segment: Segment, several: bool) -> str:
     detectable = [m for m in segment.limits if m.value is not None]
-    undetectable = [m for m in segment.limits if m.value is None]
+    named = {one.name for one in segment.effects}
+    undetectable = [m for m in segment.limits if m.value is None and m.name not in named]
     where = f" in {segment.name}" if several else ""
     parts = []
     if detectable:
@@ -216,8 +217,8 @@ def _limits(segment: Segment, several: bool) -> str:
         parts.append(f"smallest detectable sizes{where}:\n{columns(rows, '  ', left=(0, 1))}")
     if undetectable:
         text = (
-            f"not detectable at any size{where}, since these experiments do not excite them or the diagram has no "
-            f"insertion point for them: {', '.join(m.name for m in undetectable)}."
+            f"not detectable at any size{where} (not excited by these experiments, without an insertion point, or "
+            f"absorbed by parameters of the model): {', '.join(m.name for m in undetectable)}."
         )
         parts.append(_filled(text))
     return "\n\n".join(parts)

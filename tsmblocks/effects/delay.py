@@ -131,7 +131,7 @@ LAG = Effect(
 RESONANCE = Effect(
     "resonance",
     "delay",
-    "a resonance (elasticity behind the sensor)",
+    "a resonance (of an elastic part)",
     "output",
     Resonance(),
     {"share": 0.0},
