@@ -682,6 +682,7 @@ def test_of_combinations_of_initial_states_a_few_are_listed_and_the_rest_is_coun
     found = tuple(mix(f"a@r{k}", f"b@r{k}") for k in range(9))
     fit = SimpleNamespace(
         agreeing=2,
+        status="interrupted",
         searches=(1, 2),
         undetermined=(*found, mix("gain", "a@r1")),
         active=(),
@@ -701,7 +702,14 @@ def test_initial_states_of_many_experiments_that_are_hardly_determined_are_one_r
     names = ("gain", *(f"motor.speed@r1#{k}" for k in range(60)))
     found = tuple(Undetermined(UNCERTAIN, (name,), (1.0,), 0.0, f"{name} is hardly determined.") for name in names)
     fit = SimpleNamespace(
-        agreeing=2, searches=(1, 2), undetermined=found, active=(), correlation=np.eye(61), names=names, notes=()
+        agreeing=2,
+        status="interrupted",
+        searches=(1, 2),
+        undetermined=found,
+        active=(),
+        correlation=np.eye(61),
+        names=names,
+        notes=(),
     )
     first, second = cautions(fit)
     assert first == "gain is hardly determined."
