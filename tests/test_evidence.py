@@ -116,13 +116,15 @@ def test_an_effect_is_determined_where_its_interval_excludes_none(kind):
     rippled = tsm.load("tendon_sheath_linear").insert("ripple", Ripple(cycles=12.0, sine=0.001), before="x_out")
     some = SimpleNamespace(free=("ripple.sine", "ripple.cosine"))
     nulls = {"ripple.sine": 0.0, "ripple.cosine": 0.0}
-    assert not is_determined(fitted(recordings(kind, 2), rippled), some, nulls)
+    noise = recordings(kind, 2)
+    assert not is_determined(fitted(noise, rippled), some, nulls, fitted(noise))
     real = recordings(kind, 2, lambda x: 0.1 * DEG * np.sin(12.0 * x))
-    assert is_determined(fitted(real, rippled), some, nulls)
+    base = fitted(real)
+    assert is_determined(fitted(real, rippled), some, nulls, base)
     twice = tsm.load("tendon_sheath_linear").insert("again", Bias(bias=0.1), before="x_out")
     offset = SimpleNamespace(free=("again.bias",))
-    assert not is_determined(fitted(real, twice), offset, {"again.bias": 0.0})
-    assert is_determined(fitted(real, twice), offset, {})  # nothing to compare with
+    assert not is_determined(fitted(real, twice), offset, {"again.bias": 0.0}, base)
+    assert is_determined(fitted(real, twice), offset, {}, base)  # nothing to compare with
 
 
 @pytest.mark.parametrize(("spread", "known"), [(4.0, False), (1.0, True)])
@@ -130,13 +132,12 @@ def test_an_effect_of_which_only_a_combination_is_known_is_not_determined(spread
     """Its sum is known to 0.3 and the sizes themselves to ``spread``: 3 ± 8 is no size to report."""
     covariance = spread**2 * np.array([[1, -1], [-1, 1]]) + 0.05
     estimate = SimpleNamespace(covariance=covariance, freedom=np.array([500.0, 500.0]))
-    monkeypatch.setattr(determined, "uncertainty", lambda *_, **__: estimate)
+    monkeypatch.setattr(determined, "uncertainty_of_effects", lambda *_: estimate)
     names = ("loop.width", "loop.gain")
     items = tuple(SimpleNamespace(parameter=name) for name in names)
-    problem = SimpleNamespace(unknowns=SimpleNamespace(items=items, names=names), segments=())
-    model = SimpleNamespace(theta=np.array([3.0, 3.0]), r=np.zeros(500), J=None, problem=problem)
-    model.at_bound = np.zeros(2, dtype=bool)
-    assert is_determined(model, SimpleNamespace(free=names), dict.fromkeys(names, 0.0)) == known
+    problem = SimpleNamespace(unknowns=SimpleNamespace(items=items))
+    model = SimpleNamespace(theta=np.array([3.0, 3.0]), r=np.zeros(500), problem=problem)
+    assert is_determined(model, SimpleNamespace(free=names), dict.fromkeys(names, 0.0), None) == known
 
 
 @pytest.mark.parametrize(("share", "remains"), [(0.03, False), (0.2, True)])

@@ -28,10 +28,9 @@ def left_out(monkeypatch):
         monkeypatch.setattr(forward_selection, "with_sufficient_step", lambda model, settings: model)
         monkeypatch.setattr(forward_selection, "better_base", lambda *_: None)
         monkeypatch.setattr(forward_selection, "shrinkage_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
-        monkeypatch.setattr(undetermined, "redundant_parameters", lambda model: ())
         monkeypatch.setattr(undetermined, "held_out_losses", lambda model, *_: (np.array([table.loss(model)]),))
 
-        def is_determined(one, model, redundant):
+        def is_determined(one, model, base):
             return one.candidate.effect.name not in open_in.get("".join(sorted(model)), "")
 
         monkeypatch.setattr(undetermined, "_is_determined", is_determined)

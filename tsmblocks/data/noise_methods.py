@@ -28,9 +28,11 @@ RESPONSE_SAMPLES = 30
 """Samples for which a signal responds to an input that moves a little while it seems to rest. Chosen."""
 MIN_PERIOD_SAMPLES = 4
 """Samples of a period at least. Chosen: with fewer it may be an alias."""
-MAX_DRIVEN_SHARE = 0.5
-"""Share of the difference between periods that may be explained by inputs that do not quite repeat, before it is no
-noise. Chosen."""
+MAX_DRIVEN_DIFFERENCE = 0.2
+"""Rms of the difference between periods that inputs explain by not quite repeating, over that of all of it, before it
+is no noise. Chosen: an effect that depends on the motion, such as friction, may respond several times more."""
+MAX_FOLLOWING = 0.5
+"""Share of the mean square in rests that what little the inputs move there explains, before it is no noise. Chosen."""
 
 
 @attrs.frozen(eq=False)
@@ -123,8 +125,9 @@ def of_periods(record: Record, name: str, drives: list[str]) -> Found | None:
         found = _judged(Found("repeated periods", (made,), span), fast) if len(made.x) >= MIN_FREEDOM else None
         if found is None:
             continue
-        driven = max([_driven_difference(record, k, name, total) for k in others], default=0.0)
-        if driven <= MAX_DRIVEN_SHARE * np.sqrt(mean_square(found.stretches)):
+        kept = len(found.stretches[0].x)
+        driven = max([_driven_difference(record, k, name, total, kept) for k in others], default=0.0)
+        if driven <= MAX_DRIVEN_DIFFERENCE * np.sqrt(mean_square(found.stretches)):
             return attrs.evolve(found, driven=driven)
     return None
 
@@ -134,13 +137,13 @@ def _difference_stretch(record: Record, name: str, lag: float) -> Stretch:
     return Stretch(off, record.step, lag, gain)
 
 
-def _driven_difference(record: Record, drive: str, name: str, lag: float) -> float:
-    """Differences of a signal between periods that an input explains by not quite repeating itself, rms.
+def _driven_difference(record: Record, drive: str, name: str, lag: float, kept: int) -> float:
+    """Rms of the last ``kept`` differences of a signal between periods that an input explains by not quite repeating.
 
     A sum of tones that are no multiples of one another nearly repeats itself, and differences between such periods are
     motion. The signal is taken to follow the input in proportion. The input's own fast noise is not counted.
     """
-    own = _difference_stretch(record, drive, lag).x
+    own = _difference_stretch(record, drive, lag).x[-kept:]
     slow = float(np.var(own)) - _fast(record, drive) ** 2
     return float(np.sqrt(max(slow, 0.0)) * np.std(record[name]) / np.std(record[drive]))
 
@@ -210,7 +213,7 @@ def _follows(record: Record, drive: str, name: str, rests: list[tuple[int, int]]
     if len(x) < 10 * RESPONSE_SAMPLES or not np.ptp(inputs) > 0:
         return False
     left = x - inputs @ np.linalg.lstsq(inputs, x, rcond=None)[0]
-    return float(left @ left) < (1 - MAX_DRIVEN_SHARE) * float(x @ x)
+    return float(left @ left) < (1 - MAX_FOLLOWING) * float(x @ x)
 
 
 def _resting(x: np.ndarray) -> np.ndarray:

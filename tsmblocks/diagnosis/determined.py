@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.fitting.identifiability import SMALL, null_directions
-from tsmblocks.fitting.statistics import uncertainty
+from tsmblocks.fitting.statistics import Uncertainty, uncertainty
 from tsmblocks.fitting.summary import unknown_sizes
 
 SIGNIFICANCE_LEVEL = 0.05
@@ -34,12 +32,20 @@ def redundant_parameters(base: Model) -> tuple[str, ...]:
     return tuple(found)
 
 
-def held_directions(model: Model, names: Collection[str]) -> np.ndarray:
-    """Directions (m, p) in which the unknowns of these names move."""
-    return np.eye(len(model.theta))[[name in names for name in model.problem.unknowns.names]]
+def uncertainty_of_effects(model: Model, base: Model) -> Uncertainty:
+    """The uncertainty of a model that adds effects to a base, from which they are judged and their sizes reported.
+
+    Parameters of the base that are redundant or at a bound are held there. Those of effects never are: a shape that
+    went to a bound is as uncertain as the others, and the strength with it.
+    """
+    known, redundant = set(base.problem.unknowns.names), redundant_parameters(base)
+    names = model.problem.unknowns.names
+    held = [name in redundant or (bool(at) and name in known) for name, at in zip(names, model.at_bound, strict=True)]
+    directions = np.eye(len(names))[np.array(held, dtype=bool)]
+    return uncertainty(model.J, model.r, model.problem.segments, held=directions if len(directions) else None)
 
 
-def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], redundant: Collection[str] = ()) -> bool:
+def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], base: Model) -> bool:
     r"""Whether the confidence region of an effect's parameters excludes the values at which there is no effect.
 
     .. math:: \tfrac{1}{q} (\theta - \theta_0)^T C^{-1} (\theta - \theta_0) > F_{0.95}(q, \nu)
@@ -48,9 +54,8 @@ def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], r
     size can be reported.
 
     ``nulls`` are those values by full name, of the parameters that have a finite one. Where there are none (a limit
-    that never acts is at infinity) the effect is judged by its held-out losses alone. The covariance allows for
-    autocorrelated residuals; ``redundant`` parameters of the base are held. Source: Seber and Wild, Nonlinear
-    Regression (1989), 5.1.
+    that never acts is at infinity) the effect is judged by its held-out losses alone. The covariance C is that of
+    ``uncertainty_of_effects``, for autocorrelated residuals. Source: Seber and Wild, Nonlinear Regression (1989), 5.1.
     """
     items = model.problem.unknowns.items
     own = [k for k, item in enumerate(items) if item.parameter in nulls and item.parameter in candidate.free]
@@ -58,9 +63,7 @@ def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], r
         return True
     from scipy.special import fdtri
 
-    bounds = np.eye(len(model.theta))[model.at_bound & ~np.isin(np.arange(len(items)), own)]
-    held = np.vstack([bounds, held_directions(model, redundant)])
-    estimate = uncertainty(model.J, model.r, model.problem.segments, held=held if len(held) else None)
+    estimate = uncertainty_of_effects(model, base)
     covariance = estimate.covariance[np.ix_(own, own)]
     seen = np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
     if not seen.any():

@@ -33,6 +33,7 @@ from tsmblocks.diagnosis.forward_selection import (
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
 from tsmblocks.diagnosis.noise_floor import (
+    doubtful_floors,
     input_noise_rms,
     lowered_noise_floors,
     noise_floors,
@@ -252,6 +253,7 @@ def _diagnosed(
     if not interrupted and stands_in(rounds, count, predicted, left, varying, search):
         count, final, left, more_notes = 0, rounds[0].base, predicted, []
         varying = varying_factor(final, settings.seed)
+    notes += doubtful_floors(floors, final.residual_rms, part.diagram)
     notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes]]
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying), interrupted
 

@@ -28,6 +28,10 @@ noise comes in bursts, and 1.9 to 3.4 with disturbances that come and go."""
 MAX_FLOOR_RATIO = 1.5
 """Noise floor over residual rms from which the floor is implausible. Chosen: noise alone gives about 1."""
 
+MAX_FINAL_FLOOR_RATIO = 1.15
+"""Noise floor over the residual rms of the final model from which the floor is too high. Chosen: the error of a good
+estimate, and the part of the noise that fitted parameters absorb."""
+
 
 @attrs.frozen
 class NoiseLevel:
@@ -168,6 +172,23 @@ def lowered_noise_floors(
             )
             sigma[name], method[name] = fast, HIGH_FREQUENCIES
     return attrs.evolve(found, sigma=sigma, method=method), more_notes
+
+
+def doubtful_floors(found: NoiseFloors, residual_rms: Mapping[str, float], diagram: Diagram) -> list[str]:
+    """Notes on estimated floors that are above the residual of the last model, which holds all of the noise.
+
+    ``residual_rms`` is that of each output, divided by its floor.
+    """
+    notes = list[str]()
+    for name, share in residual_rms.items():
+        if found.method[name] in (GIVEN, HIGH_FREQUENCIES) or share * MAX_FINAL_FLOOR_RATIO >= 1:
+            continue
+        floor, rms = (in_display_units(k * found.sigma[name], diagram.unit(name)) for k in (1.0, share))
+        notes.append(
+            f"the noise floor of {name} found in {found.method[name]} ({floor}) is above the residual of the final "
+            f"model ({rms} rms), so it is too high, and small effects may be missed. Give the noise if you know it."
+        )
+    return notes
 
 
 def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed: int) -> float:

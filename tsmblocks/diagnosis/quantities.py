@@ -9,11 +9,11 @@ import numpy as np
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.diagnosis.candidates import Candidate
-from tsmblocks.diagnosis.determined import held_directions, redundant_parameters
+from tsmblocks.diagnosis.determined import uncertainty_of_effects
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.result import Quantity
 from tsmblocks.effects.effect import sizes_of
-from tsmblocks.fitting.statistics import intervals, uncertainty
+from tsmblocks.fitting.statistics import intervals
 from tsmblocks.model.diagram import Diagram
 
 DIFFERENCE = 1e-3
@@ -30,10 +30,9 @@ class Estimate:
 
     @classmethod
     def of(cls, models: Sequence[Model]) -> Estimate:
-        """The estimate of the last of some models; what is redundant in the first is held."""
+        """The estimate of the last of some models; the first one has no effects."""
         model = models[-1]
-        held = held_directions(model, redundant_parameters(models[0]))
-        found = uncertainty(model.J, model.r, model.problem.segments, held=held if len(held) else None)
+        found = uncertainty_of_effects(model, models[0])
         return cls(model, found.covariance, np.broadcast_to(found.freedom, len(model.theta)))
 
     def parameters(self, candidate: Candidate) -> dict[str, Quantity]:

@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.decision import FittedCandidate, Shrinkage, held_out_losses, mean_loss, shrinkage_of
-from tsmblocks.diagnosis.determined import is_determined, redundant_parameters
+from tsmblocks.diagnosis.determined import is_determined
 from tsmblocks.diagnosis.forward_selection import (
     MAX_EFFECTS,
     SearchContext,
@@ -34,10 +34,10 @@ def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -
     One that is not is left out, or the one that was named last and made it so, whichever leaves less. The search then
     continues without its name: the next best candidate is tried, which may be a simpler variant of the same effect.
     """
-    rounds, redundant = list(rounds), redundant_parameters(rounds[0].base)
+    rounds, base = list(rounds), rounds[0].base
     for more in reversed(range(MAX_EFFECTS)):
         named = [one.verdict.named for one in rounds[: accepted_count(rounds, search)] if one.verdict.named is not None]
-        open_ones = [one for one in named if not _is_determined(one, rounds[len(named)].base, redundant)]
+        open_ones = [one for one in named if not _is_determined(one, rounds[len(named)].base, base)]
         if not open_ones:
             break
         outs = [open_ones[-1]] if named[-1] is open_ones[-1] else [open_ones[-1], named[-1]]
@@ -57,10 +57,10 @@ def _may_follow(one: Effect | Relative, gone: Effect) -> bool:
     return one.name != gone.name or (len(one.free), len(getattr(one, "local", ()))) < (len(gone.free), len(gone.local))
 
 
-def _is_determined(one: FittedCandidate, model: Model, redundant: tuple[str, ...]) -> bool:
-    """Whether the parameters of an effect are clear of their null values in a model that holds it."""
+def _is_determined(one: FittedCandidate, model: Model, base: Model) -> bool:
+    """Whether the parameters of an effect are clear of their null values in a model that adds it to a base."""
     nulls = {k: null for k, (null, _) in shrinkage_of(one.candidate).items() if np.isfinite(null)}
-    return is_determined(model, one.candidate, nulls, redundant)
+    return is_determined(model, one.candidate, nulls, base)
 
 
 def _loss(left: LeftOut, search: SearchContext) -> float:
