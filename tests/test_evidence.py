@@ -16,7 +16,7 @@ from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.model import ModelSettings, calibrate
 from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.summary import DiagnosedPart
-from tsmblocks.diagnosis.surrogates import rolled, stretches_of, without_phase
+from tsmblocks.diagnosis.surrogates import rolled, slow_noise, stretches_of
 
 DEG = np.pi / 180
 SIGMA = 0.1 * DEG
@@ -95,12 +95,45 @@ def test_a_function_of_the_motion_is_a_model_error_of_its_true_share(kind):
 
 
 @given(st.integers(40, 400), st.integers(0, 10_000))
-def test_surrogates_keep_the_spectrum_and_the_squares(n, seed):
+def test_surrogates_keep_the_squares(n, seed):
     draw = np.random.default_rng(seed)
     r = draw.standard_normal(n).cumsum()
-    of_input, of_time = rolled(r, 3, draw), without_phase(r, 3, draw)
-    np.testing.assert_allclose((of_input**2).sum(axis=0), np.sum(r**2), rtol=1e-9)
-    np.testing.assert_allclose(np.abs(np.fft.rfft(of_time, axis=0)).T - np.abs(np.fft.rfft(r)), 0, atol=1e-7 * n**2)
+    np.testing.assert_allclose((rolled(r, 3, draw) ** 2).sum(axis=0), np.sum(r**2), rtol=1e-9)
+
+
+def slopes(parts):
+    """Sums of squares (draws,) that straight lines explain in parts of several experiments (n, draws)."""
+    return sum((np.linspace(-1, 1, len(x)) @ (x - x.mean(axis=0))) ** 2 for x in parts)
+
+
+def first_order(draw, n, time):
+    a = np.exp(-0.05 / time)
+    return lfilter([np.sqrt(1 - a * a)], [1, -a], draw.standard_normal(n), zi=[a * draw.standard_normal()])[0]
+
+
+@pytest.mark.parametrize("time", [0.001, 0.3, 1.5, 3.0])
+def test_noise_so_slow_that_a_recording_does_not_return_is_no_drift(time):
+    """Surrogates have slopes as large as the noise has, whatever its correlation time; in 10 s here."""
+    draw, above = np.random.default_rng(2), 0
+    for _ in range(20):
+        parts = [first_order(draw, 200, time) for _ in range(4)]
+        parts = [r - r.mean() for r in parts]
+        above += slopes(parts) > np.quantile(slopes(slow_noise(parts, 0.05, 99, draw)), 0.95)
+    assert above <= 3
+
+
+def test_a_drift_stands_out_from_fast_noise():
+    draw, above = np.random.default_rng(2), 0
+    for _ in range(10):
+        parts = [draw.standard_normal(400) + 1.2 * np.linspace(-1, 1, 400) for _ in range(3)]
+        above += slopes(parts) > np.quantile(slopes(slow_noise(parts, 0.05, 99, draw)), 0.95)
+    assert above >= 8
+
+
+def test_surrogates_of_time_have_the_size_of_each_residual():
+    draw = np.random.default_rng(1)
+    small, large = slow_noise([draw.standard_normal(500), 5 * draw.standard_normal(500)], 0.01, 50, draw)
+    assert 3.5 < np.std(large) / np.std(small) < 7
 
 
 @given(st.lists(st.integers(100, 3000), min_size=1, max_size=12))

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tsmblocks.data.slow_noise import SHARES, Stretch, weighted_without_slopes
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import rows_of_experiments
 from tsmblocks.fitting.column_space import ColumnSpace
@@ -45,35 +46,56 @@ def rolled(r: np.ndarray, draws: int, draw: np.random.Generator) -> np.ndarray:
     return r[(starts + way * np.arange(n)[:, None]) % n] * sign
 
 
-def without_phase(r: np.ndarray, draws: int, draw: np.random.Generator) -> np.ndarray:
-    """A residual (n,) of one experiment that has lost its tie to the time but kept its spectrum, shape (n, draws).
+def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.random.Generator) -> list[np.ndarray]:
+    """Noise like the residuals (n,) of some experiments, in spectrum and in size, each of shape (n, draws).
 
-    Source: Theiler et al., Physica D 58 (1992), 77-94, doi 10.1016/0167-2789(92)90102-S.
+    Its model is white noise beside slow noise, known as far as the residuals without their slopes tell: each draw has
+    the model of another one of its posterior. Phases drawn for the spectrum of a residual would not do: where noise is
+    so slow that a recording does not end near to where it began, all surrogates return and the residual does not.
     """
-    spectrum = np.fft.rfft(r)
-    phase = np.exp(2j * np.pi * draw.random((len(spectrum), draws)))
-    phase[0] = draw.choice([-1.0, 1.0], size=draws)
-    if len(r) % 2 == 0:
-        phase[-1] = draw.choice([-1.0, 1.0], size=draws)
-    return np.fft.irfft(spectrum[:, None] * phase, len(r), axis=0)
+    sizes = [max(float(np.std(r)), 1e-300) for r in parts]
+    model = weighted_without_slopes([Stretch(r / size, step) for r, size in zip(parts, sizes, strict=True)])
+    drawn = draw.choice(model.weights.size, size=draws, p=model.weights.ravel() / model.weights.sum())
+    times, shares = model.times[drawn // len(SHARES)], SHARES[drawn % len(SHARES)]
+    scale = np.sqrt(model.mean_square / model.seen.ravel()[drawn])  # slow noise is larger than a recording shows
+    noise = []
+    for r, size in zip(parts, sizes, strict=True):
+        white = draw.standard_normal((len(r), draws))
+        slow = sum(_first_order(len(r), step / some, draw) for some in times.T) / np.sqrt(times.shape[1])
+        noise.append(size * scale * (np.sqrt(1 - shares) * white + np.sqrt(shares) * slow))
+    return noise
+
+
+def _first_order(n: int, rates: np.ndarray, draw: np.random.Generator) -> np.ndarray:
+    """First-order noise of variance 1 with these rates [1 / step], shape (n, draws)."""
+    from scipy.signal import lfilter
+
+    noise, kept = draw.standard_normal((n, len(rates))), np.exp(-rates)
+    noise[1:] *= np.sqrt(1 - kept**2)
+    for column, a in zip(noise.T, kept, strict=True):
+        column[:] = lfilter([1.0], [1.0, -a], column)
+    return noise
 
 
 def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_time: bool) -> np.ndarray:
     """Surrogates of a model's residual with the base projected out, shape (N, draws), in single precision.
 
-    They are the noise that the residual would be if the model were right. With ``of_time`` they have lost their tie to
-    the time, for effects of time; else to the input.
+    They are the noise that the residual would be if the model were right. With ``of_time`` they are drawn anew, as
+    ``slow_noise``, for effects of time; else they have lost their tie to the input.
     """
     draw, result = np.random.default_rng(seed), np.empty((len(model.r), draws), dtype=np.float32)
     for output in range(len(model.setup.outputs)):
         groups = list(rows_of_experiments(model, output).values())
         cuts = stretches_of([len(rows) for rows in groups])
+        if of_time:
+            step = float(np.median(np.diff(model.setup.experiments[0].t)))
+            noise = slow_noise([model.r[rows] for rows in groups], step, draws, draw)
+            for rows, one in zip(groups, noise, strict=True):
+                result[rows] = one
+            continue
         for rows, own in zip(groups, cuts, strict=True):
-            if of_time:
-                result[rows] = without_phase(model.r[rows], draws, draw)
-            else:
-                for part in own:
-                    result[rows[part]] = rolled(model.r[rows[part]], draws, draw)
+            for part in own:
+                result[rows[part]] = rolled(model.r[rows[part]], draws, draw)
     for first in range(0, draws, COLUMNS_AT_A_TIME):  # for memory
         some = slice(first, first + COLUMNS_AT_A_TIME)
         result[:, some] = base.project_out(result[:, some].astype(float))
