@@ -15,6 +15,7 @@ from tsmblocks.data.slow_noise import SHARES, Stretch, weighted_without_slopes
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import rows_of_experiments
 from tsmblocks.fitting.column_space import ColumnSpace
+from tsmblocks.fitting.inner_products import square
 
 MIN_STRETCHES = 20
 """Stretches of all experiments together, at least. Chosen: their signs alone give a million surrogates."""
@@ -47,7 +48,7 @@ def rolled(r: np.ndarray, draws: int, draw: np.random.Generator) -> np.ndarray:
 
 
 def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.random.Generator) -> list[np.ndarray]:
-    """Noise like the residuals (n,) of some experiments, in spectrum and in size, each of shape (n, draws).
+    """Noise like the residuals (n,) of some experiments, each of shape (n, draws) and with the same sums of squares.
 
     Its model is white noise beside slow noise, known as far as the residuals without their slopes tell: each draw has
     the model of another one of its posterior. Phases drawn for the spectrum of a residual would not do: where noise is
@@ -57,12 +58,13 @@ def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.ra
     model = weighted_without_slopes([Stretch(r / size, step) for r, size in zip(parts, sizes, strict=True)])
     drawn = draw.choice(model.weights.size, size=draws, p=model.weights.ravel() / model.weights.sum())
     times, shares = model.times[drawn // len(SHARES)], SHARES[drawn % len(SHARES)]
-    scale = np.sqrt(model.mean_square / model.seen.ravel()[drawn])  # slow noise is larger than a recording shows
     noise = []
-    for r, size in zip(parts, sizes, strict=True):
+    for r in parts:
         white = draw.standard_normal((len(r), draws))
         slow = sum(_first_order(len(r), step / some, draw) for some in times.T) / np.sqrt(times.shape[1])
-        noise.append(size * scale * (np.sqrt(1 - shares) * white + np.sqrt(shares) * slow))
+        one = np.sqrt(1 - shares) * white + np.sqrt(shares) * slow
+        one -= one.mean(axis=0)
+        noise.append(one * np.sqrt(square(r) / np.maximum(np.einsum("ij,ij->j", one, one), 1e-300)))
     return noise
 
 
