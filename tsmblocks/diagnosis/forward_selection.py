@@ -49,6 +49,8 @@ from tsmblocks.diagnosis.time_and_distance import with_distances_first
 from tsmblocks.effects import REPLACED, Effect, Relative, Replacement
 from tsmblocks.fitting.column_space import column_space
 
+SMALLEST_GAIN = 1e-9
+"""Gain [noise variances] below which a candidate that changes nothing is not judged. Chosen: rounding."""
 SURROGATES = 99
 """Surrogates of the residual in which every candidate is tried. Chosen: for the run time."""
 MAX_EFFECTS = 4
@@ -163,7 +165,7 @@ def search_round(
     for score, m in zip(chosen, models, strict=True):
         gain = (model.mean_square - m.mean_square) * len(model.r)
         tenable = (
-            gain > limits[is_of_time(score.candidate)]
+            gain > limits[score]
             and not (follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion())
             and not filters_noise(m, score.candidate, search.input_noise)
         )
@@ -216,16 +218,20 @@ def is_of_time(candidate: Candidate) -> bool:
     return candidate.effect.family == "time" and not oscillates
 
 
-def critical_gains(scores: Sequence[ScreeningScore]) -> dict[bool, float]:
-    """The gain [noise variances] that the best candidate exceeds in noise alone with a probability of 5 %.
+def critical_gains(scores: Sequence[ScreeningScore]) -> dict[ScreeningScore, float]:
+    """The gain [noise variances] of each candidate that any of them exceeds in noise alone with a probability of 5 %.
 
-    For effects of time (True) and all others. Source: Westfall and Young, Resampling-Based Multiple Testing (1993).
+    Gains are counted in what the candidate itself reaches in noise (95 %), so that one with many shapes, which follows
+    any noise, does not hide one with few. Effects of time, which slow noise resembles, are a family of their own.
+    Source: Westfall and Young, Resampling-Based Multiple Testing (1993), on balanced tests.
     """
-    result = {}
+    result: dict[ScreeningScore, float] = {}
     for of_time in (False, True):
-        gains = [one.noise_gains for one in scores if is_of_time(one.candidate) == of_time]
-        best = np.max(gains, axis=0) if gains else np.zeros(1)
-        result[of_time] = float(np.quantile(best, 1 - SIGNIFICANCE_LEVEL))
+        family = [one for one in scores if is_of_time(one.candidate) == of_time]
+        own = [max(float(np.quantile(one.noise_gains, 1 - SIGNIFICANCE_LEVEL)), SMALLEST_GAIN) for one in family]
+        ratios = [one.noise_gains / limit for one, limit in zip(family, own, strict=True)]
+        highest = float(np.quantile(np.max(ratios, axis=0), 1 - SIGNIFICANCE_LEVEL)) if family else 1.0
+        result |= {one: max(highest, 1.0) * limit for one, limit in zip(family, own, strict=True)}
     return result
 
 

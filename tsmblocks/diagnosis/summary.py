@@ -19,7 +19,6 @@ from tsmblocks.diagnosis.forward_selection import (
     SearchRound,
     attained_noise,
     critical_gains,
-    is_of_time,
 )
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import NoiseFloors
@@ -335,7 +334,7 @@ def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     excess = max(diagnosed.losses[-1] - noise, 0.0)  # an effect has to remove its share of this as well
     material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
     for p in scores:
-        detectable = max(material * len(last.base.r), by_noise[is_of_time(p.candidate)])
+        detectable = max(material * len(last.base.r), by_noise[p])
         effect, limit = p.candidate.effect, p.detection_limit(detectable)
         parameter = next(iter(p.candidate.trials.strengths), effect.free[0])
         unit = next((i.unit for i in p.problem.unknowns.items if i.parameter == f"{p.candidate.block}.{parameter}"), "")
