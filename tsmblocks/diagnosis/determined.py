@@ -50,8 +50,8 @@ def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], b
 
     .. math:: \tfrac{1}{q} (\theta - \theta_0)^T C^{-1} (\theta - \theta_0) > F_{0.95}(q, \nu)
 
-    and the confidence interval of at least one of them does so as well: where only a combination is clear of it, no
-    size can be reported.
+    and the confidence interval of at least one of them does so as well, at a level that allows for the largest of q
+    (Sidak, 1967): where only a combination is clear of it, no size can be reported.
 
     ``nulls`` are those values by full name, of the parameters that have a finite one. Where there are none (a limit
     that never acts is at infinity) the effect is judged by its held-out losses alone. The covariance C is that of
@@ -75,5 +75,6 @@ def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], b
     distance = (vectors[:, kept].T @ (off / spread)) ** 2 / values[kept]
     freedom = float(np.min(estimate.freedom[np.array(own)[seen]]))
     q = int(kept.sum())
-    joint, single = (float(fdtri(k, min(freedom, 1e9), 1 - SIGNIFICANCE_LEVEL)) for k in (q, 1))
+    levels = ((q, 1 - SIGNIFICANCE_LEVEL), (1, (1 - SIGNIFICANCE_LEVEL) ** (1 / q)))
+    joint, single = (float(fdtri(k, min(freedom, 1e9), level)) for k, level in levels)
     return bool(distance.sum() / q > joint and np.max((off / spread) ** 2) > single)

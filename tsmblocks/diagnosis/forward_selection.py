@@ -213,9 +213,8 @@ def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list
 
 
 def is_of_time(candidate: Candidate) -> bool:
-    """Whether a candidate is a slow function of time, as slow noise is; an oscillation is none: it keeps its phase."""
-    oscillates = any(name.rpartition(".")[2] == "frequency" for name in candidate.trials.shapes[0])
-    return candidate.effect.family == "time" and not oscillates
+    """Whether a candidate is a function of time, which slow noise may resemble: steps, slopes, or a line in it."""
+    return candidate.effect.family == "time"
 
 
 def critical_gains(scores: Sequence[ScreeningScore]) -> dict[ScreeningScore, float]:
