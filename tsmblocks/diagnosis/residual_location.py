@@ -31,7 +31,7 @@ COORDINATES = {
     "acceleration": ("{}/s^2", "the error depends on the acceleration"),
     "distance since reversal": ("{}", f"the error depends on the distance {_SINCE}"),
     "time since reversal": ("s", f"the error depends on the time {_SINCE}"),
-    "session time": ("s", "the error depends on the session time"),
+    "session time": ("s", "the error drifts over the recordings"),
     "experiment": ("", "the error differs from experiment to experiment"),
 }
 """The unit of each coordinate, with that of the motion for the braces, and the meaning of a dependence on it."""
