@@ -24,7 +24,7 @@ TOO_LITTLE = "removes too little"
 LEAVES_MORE = "leaves more error"
 MORE_GENERAL = "more general, no better"
 STANDS_IN = "stands in for another effect"
-NOT_ACCEPTED = "too little beside the others"
+NOT_ACCEPTED = "too little beside those named"
 
 
 def why_not(diagnosed: DiagnosedPart, number: int, searched: SearchRound, one: FittedCandidate, t: float) -> str:

@@ -13,10 +13,10 @@ import numpy as np
 from tsmblocks.common.frames import frame
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
+from tsmblocks.diagnosis.cautions import cautions
 from tsmblocks.diagnosis.plain_values import diagnosis_values, ranking_values
 from tsmblocks.diagnosis.settings import Provenance, Simulated
 from tsmblocks.fitting.result import Fit
-from tsmblocks.fitting.text import estimate_cautions
 from tsmblocks.model.diagram import Diagram
 
 
@@ -216,7 +216,7 @@ class Segment:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the parameters of the last model, as a fit of it would give."""
-        return () if self.fit is None else tuple(estimate_cautions(self.fit))
+        return () if self.fit is None else tuple(cautions(self.fit))
 
 
 @attrs.frozen(eq=False)
