@@ -14,6 +14,7 @@ from tsmblocks.diagnosis import presentation, verdict_text
 from tsmblocks.diagnosis import text as told
 from tsmblocks.diagnosis.cautions import cautions
 from tsmblocks.diagnosis.result import DetectionLimit, Quantity
+from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.fitting.identifiability import Undetermined
 from tsmblocks.fitting.text import estimate_cautions
 from tsmblocks.html.report import page
@@ -222,3 +223,13 @@ def test_a_bound_that_was_reached_is_said_in_plain_words(lag_fit):
     assert estimate_cautions(at) == [
         "The fit ended at the upper bound of lag.time_constant (1): a better one may lie beyond it."
     ]
+
+
+def test_a_script_has_the_step_without_the_rounding_of_time_stamps():
+    found = diagnosis()
+    rounded = dict.fromkeys(found.simulated.steps, 0.00799999999999912)
+    lines = "\n".join(script_lines(attrs.evolve(found, simulated=attrs.evolve(found.simulated, steps=rounded))))
+    assert ", step=0.008, " in lines
+    rounded["half"] = 0.0040000000000003
+    lines = "\n".join(script_lines(attrs.evolve(found, simulated=attrs.evolve(found.simulated, steps=rounded))))
+    assert "step={'full': 0.008, 'half': 0.004}[name]" in lines
