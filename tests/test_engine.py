@@ -446,7 +446,8 @@ def test_a_recording_drives_all_inputs_that_are_not_given():
     record = tsm.Record("run", t, {"u": np.sin(t), "v": t}, {"u": "1", "v": "1"})
     by_name = tsm.simulate(diagram, inputs={"u": record, "v": record})["y"]
     assert np.array_equal(tsm.simulate(diagram, data=record)["y"], by_name)
-    assert np.array_equal(tsm.simulate(diagram, data=tsm.simulate(diagram, data=record))["y"], by_name)
+    again = tsm.simulate(diagram, data=tsm.simulate(diagram, data=record))["y"]
+    assert np.abs(again - by_name).max() < EXACT
     own = tsm.simulate(diagram, data=record, inputs={"v": 0.0})["y"]
     assert np.array_equal(own, tsm.simulate(diagram, inputs={"u": record, "v": 0.0})["y"])
     with pytest.raises(tsm.TsmError) as caught:
