@@ -9,10 +9,12 @@ import pytest
 
 import tsmblocks as tsm
 from tests.diagnoses import BACKLASH, DEG, LIMITS, NAMED, NONE, UNKNOWN, diagnosis, ranked
+from tsmblocks.blocks import Play
 from tsmblocks.common.tables import as_wide_as
 from tsmblocks.diagnosis import presentation, verdict_text
 from tsmblocks.diagnosis import text as told
 from tsmblocks.diagnosis.cautions import cautions
+from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.result import DetectionLimit, Quantity
 from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.fitting.identifiability import Undetermined
@@ -108,12 +110,12 @@ def test_a_noise_floor_is_explained_by_what_it_contains():
     segment = attrs.evolve(NAMED, gaps=(fast,))
     assert (
         "What remains counts as noise, since no recorded signal predicts it: it may be slow noise. It is 3.0 times the "
-        "noise floor of 0.100 deg (from high frequencies: a lower limit, since only fast noise is in it)."
+        "noise floor of 0.100 deg (from high frequencies: a lower limit, which sees only fast noise)."
     ) in verdict_text.verdict_sentence(segment)
     with as_wide_as(100):
         text = str(of(segment))
     assert re.search(r"\nnoise floor +0.100\nnoise floor from high frequencies: a lower limit", text)
-    assert "Noise floor 0.100 deg (from high frequencies: a lower limit, since only fast noise is in it)." in page(
+    assert "Noise floor 0.100 deg (from high frequencies: a lower limit, which sees only fast noise)." in page(
         of(segment)
     )
     assert presentation.floor_text(gap) == "given"
@@ -233,3 +235,13 @@ def test_a_script_has_the_step_without_the_rounding_of_time_stamps():
     rounded["half"] = 0.0040000000000003
     lines = "\n".join(script_lines(attrs.evolve(found, simulated=attrs.evolve(found.simulated, steps=rounded))))
     assert "step={'full': 0.008, 'half': 0.004}[name]" in lines
+
+
+def test_initial_states_are_no_changes_to_a_diagram():
+    before = tsm.load("tendon_sheath_play").with_parameters({"play.m": 0.1, "play.half_width": 0.2})
+    after = before.with_parameters({"play.m": 0.3, "play.half_width": 0.25})
+    after = after.insert("gap", Play(half_width=0.1, m=0.05), before="x_out")
+    found = difference(before, after)
+    assert [one.name for one in found.parameters] == ["play.half_width"]
+    assert found.added == {"gap": "Play(half_width=0.1)"}
+    assert in_code(after.blocks["gap"]) == "Play(half_width=0.1, m=0.05)"

@@ -25,7 +25,7 @@ FLOOR_WORDS = {
     "repeats": "what differs between recordings of the same motion",
     "repeated periods": "what differs from one period of the motion to a later one",
     "stand-still": "the noise while the mechanism stands still",
-    "high frequencies": "a lower limit, since only fast noise is in it",
+    "high frequencies": "a lower limit, which sees only fast noise",
 }
 """What an estimated noise floor contains, by its method."""
 DARKEST = 4.0
