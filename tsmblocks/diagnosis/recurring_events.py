@@ -40,8 +40,8 @@ def without_recurring_events(
     made.append(closing_round(model, shrinkage, attrs.evolve(search, effects=effects)))
     names = ", ".join(dict.fromkeys(one.candidate.effect.name for one in events))
     text = (
-        f"{len(events)} changes over time ({names}) would be needed, each with another size in each experiment: an "
-        "error that comes and goes so often is irregular, and no effect is named for it."
+        f"to explain the residual takes {len(events)} changes over time ({names}), each with another size in each "
+        "experiment: an error that comes and goes so often is irregular, and no effect is named for it."
     )
     return made, [text]
 
