@@ -76,14 +76,24 @@ def test_the_page_has_for_every_candidate_its_reason_and_what_it_is():
     text = page(of(attrs.evolve(NAMED, ranking=rows)))
     table = text[text.index("named, or why not") :].split("</table>")[0]
     cells = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.DOTALL) for row in table.split("<tr")[1:]]
-    assert [row[-1] for row in cells] == [
+    assert [row[4] for row in cells] == [
         "ends at a bound (zeta)",
         "named",
         "indistinguishable",
         "not significant",
         "not significant",
     ]
-    assert cells[1][1] == "a backlash gap"
+    assert cells[1][7] == "a backlash gap"
+
+
+def test_of_many_parameters_the_page_lists_some():
+    values = {f"time@rec{k}": float(k) for k in range(9)}
+    one = ranked("jump", 0.3, parameters=values, why_not="not significant")
+    text = page(of(attrs.evolve(NAMED, ranking=(ROWS[0], one))))
+    assert "time@rec4 4<br><small>and 4 more</small>" in text
+    assert "time@rec5" not in text
+    few = attrs.evolve(one, parameters=dict(list(values.items())[:6]))
+    assert "time@rec5 5</td>" in page(of(attrs.evolve(NAMED, ranking=(ROWS[0], few))))
 
 
 def test_the_best_of_an_unexplained_error_has_its_name_and_its_reason():

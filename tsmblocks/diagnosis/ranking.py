@@ -49,7 +49,7 @@ def _fitted_row(
     return attrs.evolve(
         _row(diagnosed, number, searched, one.candidate, mean_loss(searched.losses, blocks) - one.loss),
         across=removed,
-        new=_share(removed, across, diagnosed),
+        new=share_above_noise(removed, across, diagnosed),
         t=t,
         in_set=added and one in verdict.indistinguishable,
         named=added and one is verdict.named,
@@ -73,13 +73,13 @@ def _row(
         candidate.effect.family,
         candidate.point.words(searched.base.diagram),
         gain,
-        _share(gain, mean_loss(searched.losses, diagnosed.blocks), diagnosed),
+        share_above_noise(gain, mean_loss(searched.losses, diagnosed.blocks), diagnosed),
         line=searched.verdict.critical_value,
         words=candidate.effect.words,
     )
 
 
-def _share(gain: float, loss: float, diagnosed: DiagnosedPart) -> float:
+def share_above_noise(gain: float, loss: float, diagnosed: DiagnosedPart) -> float:
     """A gain over the loss above the noise, at most 1: noise that is overestimated leaves less to remove.
 
     NaN where so little of the loss is above the noise that a share of it has no meaning.

@@ -34,6 +34,8 @@ def why_not(diagnosed: DiagnosedPart, number: int, searched: SearchRound, one: F
         return ""
     if accepted and one in verdict.indistinguishable:
         return INDISTINGUISHABLE
+    if one.loss >= mean_loss(searched.losses, diagnosed.blocks):
+        return NO_BETTER
     return (
         _unfit(diagnosed, searched, one)
         or _unconvincing(diagnosed, searched, one, t)
@@ -58,8 +60,6 @@ def _unfit(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCandidate
 def _unconvincing(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCandidate, t: float) -> str:
     """Why held-out data do not support a candidate."""
     before, noise = mean_loss(searched.losses, diagnosed.blocks), _noise_variance(diagnosed, searched)
-    if one.loss >= before:
-        return NO_BETTER
     if t <= searched.verdict.critical_value:
         return NOT_SIGNIFICANT
     if before < (1 + MIN_EXCESS) * noise:

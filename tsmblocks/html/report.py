@@ -47,6 +47,8 @@ MAX_TOTAL_POINTS = 12000
 """Points of one line in all traces together. Chosen: the page stays small."""
 MAX_POINTS, MIN_POINTS = 500, 100
 """Points of one line at most and at least. Chosen."""
+MAX_PARAMETERS = 5
+"""Parameters of a candidate that are listed. Chosen: one with its own in each recording has many."""
 LINE_BREAK = Markup("<br>")
 
 
@@ -168,7 +170,7 @@ def _rounds(segment: Segment, experiments: int) -> Iterator[dict[str, Any]]:
             "number": number,
             "fitted": [_ranked(r, experiments) for r in fitted],
             "kinds": ["named" if r.named else "" for r in fitted],
-            "rest": [(*_where(r), percent(r.share)) for r in rows if not r.fitted],
+            "rest": [(*_where(r), percent(r.share), r.words) for r in rows if not r.fitted],
         }
 
 
@@ -179,11 +181,13 @@ def _ranked(r: RankedCandidate, experiments: int) -> tuple[str, ...]:
         values.append(text + Markup(" <small>at its bound</small>") if name in r.at_bound else text)
     outcome = "named" if r.named else r.why_not
     shares = (percent(r.share), percent(share_across_experiments(r, experiments)))
-    return (*_where(r), LINE_BREAK.join(values), *shares, f"{r.t:.1f}", f"{r.line:.1f}", outcome)
+    shown = values if len(values) <= MAX_PARAMETERS + 1 else values[:MAX_PARAMETERS]
+    shown += [Markup("<small>and {} more</small>").format(len(values) - len(shown))] * (len(shown) < len(values))
+    return (*_where(r), *shares, outcome, f"{r.t:.1f}", f"{r.line:.1f}", r.words, LINE_BREAK.join(shown))
 
 
 def _where(r: RankedCandidate) -> tuple[str, ...]:
-    return candidate_title(r), r.words, r.wire.strip()
+    return candidate_title(r), r.wire.strip()
 
 
 def _marked(diagnosis: Diagnosis) -> str:
