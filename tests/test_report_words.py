@@ -15,6 +15,7 @@ from tsmblocks.diagnosis import presentation, verdict_text
 from tsmblocks.diagnosis import text as told
 from tsmblocks.diagnosis.cautions import cautions
 from tsmblocks.diagnosis.model_difference import difference, in_code
+from tsmblocks.diagnosis.residual_location import words_for
 from tsmblocks.diagnosis.result import DetectionLimit, Quantity
 from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.fitting.identifiability import Undetermined
@@ -65,8 +66,8 @@ def test_variants_that_do_not_speak_for_themselves_are_explained_once():
         text = str(of(SEEN))
     (line,) = [part for part in text.split("\n\n") if part.startswith("removes:")]
     assert " ".join(line.split("Variants: ")[1].split()) == (
-        "own sizes: with a separate size in each recording; drive: on the signal that drives the plant; "
-        "own sizes and times: with a separate size at a separate instant in each recording."
+        "own sizes: with a separate size in each recording; own sizes and times: with a separate size at a separate "
+        "instant in each recording; drive: on the signal that drives the plant."
     )
     assert "Variants:" not in str(diagnosis())
 
@@ -255,3 +256,20 @@ def test_initial_states_are_no_changes_to_a_diagram():
     assert [one.name for one in found.parameters] == ["play.half_width"]
     assert found.added == {"gap": "Play(half_width=0.1)"}
     assert in_code(after.blocks["gap"]) == "Play(half_width=0.1, m=0.05)"
+
+
+@pytest.mark.parametrize(
+    ("text", "of_a_motion", "of_a_voltage"),
+    [
+        ("the error depends on the position", "the error depends on the position", "the error depends on u"),
+        ("the error depends on the speed", "the error depends on the speed", "the error depends on the rate of u"),
+        ("position", "position", "u"),
+        ("acceleration", "acceleration", "second derivative of u"),
+        ("with the sign of the direction", "with the sign of the direction", "with the sign of the direction of u"),
+        ("session time", "time", "time"),
+    ],
+)
+def test_coordinates_of_a_voltage_are_not_called_those_of_a_motion(text, of_a_motion, of_a_voltage):
+    assert words_for(text, "u", "deg") == words_for(text, "u", "mm") == words_for(text, "", "") == of_a_motion
+    assert words_for(text, "u", "ticks") == words_for(text, "u", "1") == of_a_motion
+    assert words_for(text, "u", "V") == of_a_voltage

@@ -10,7 +10,7 @@ import numpy as np
 
 from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.partition import experiment_of
-from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, binned, coordinates
+from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, binned, coordinates, words_for
 from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
 from tsmblocks.fitting.parameters import numbers, unknown
 from tsmblocks.model.diagram import Diagram
@@ -208,7 +208,7 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     own = traces[0].unit if not len(traces[0].drive) else diagram.unit(traces[0].drive_name)
     rate, _ = COORDINATES[coordinate]
     unit = rate if "{}" not in rate else rate.format(own) if own else ""
-    return Profile(coordinate, unit, traces[0].unit, *table)
+    return Profile(words_for(coordinate, traces[0].drive_name, own), unit, traces[0].unit, *table)
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:

@@ -36,6 +36,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
     losses = diagnosed.losses
     excess = losses[0] / noise_variance - 1
     known = _coordinates(base, diagnosed.part)
+    drive = next(((name, base.diagram.unit(name)) for name in diagnosed.part.diagram.inputs), ("", ""))
     excess_variance = max(base.mean_square - noise_variance, 0.0)
     ceiling = explainable_share(base.r, known, blocks, excess_variance)
     remains = diagnosed.leaves_predictable or diagnosed.is_irregular
@@ -50,7 +51,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         {k: v * np.sqrt(diagnosed.search.noise_variance) for k, v in diagnosed.floors.sigma.items()},
         _effects(diagnosed, losses, whole_diagram),
         tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs))),
-        residual_coordinates(base.r, known, blocks, excess_variance),
+        residual_coordinates(base.r, known, blocks, excess_variance, drive),
         ranking(diagnosed),
         _limits(diagnosed),
         _traces(diagnosed),

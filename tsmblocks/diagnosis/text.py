@@ -47,7 +47,7 @@ VARIANT_WORDS = {
     "across": "on the output, depending on the input",
     "drive": "on the signal that drives the plant",
     "loop": "of the width of the hysteresis, which may be zero before",
-    "loop of the input": "the same, with the distances of the input",
+    "loop of the input": "of the width of the hysteresis, by the motion of the input",
 }
 """Variants of effects whose names do not say enough, in words."""
 MAX_ROWS = 8
@@ -140,7 +140,7 @@ def _ranking(segment: Segment) -> list[str]:
         more = f"\nOther candidates, screened out or with a smaller reduction: {rest}." if rest else ""
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
         parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{more}")
-        variants += [name for r in shown for name in r.variant.split(", ") if name in VARIANT_WORDS]
+        variants += [name for r in shown for name in r.variant.split(", ")]
     if not parts:
         return []
     new = "new exp.: the same with whole experiments held out; " if len(segment.gaps[0].experiments) > 1 else ""
@@ -148,8 +148,8 @@ def _ranking(segment: Segment) -> list[str]:
         "removes: reduction of the error above the noise floor, on held-out time blocks; "
         f"{new}< 0 %: the error grows. t: t-statistic of the reduction; (in brackets) its critical value (95 %)."
     )
-    variants = list(dict.fromkeys(variants))
-    legend = [_filled("Variants: " + "; ".join(f"{k}: {VARIANT_WORDS[k]}" for k in variants) + ".")] if variants else []
+    known = [f"{name}: {words}" for name, words in VARIANT_WORDS.items() if name in variants]
+    legend = [_filled(f"Variants: {'; '.join(known)}.")] if known else []
     return [*parts, "\n".join([_filled(explained), *legend])]
 
 
