@@ -153,12 +153,17 @@ if len(sys.argv) > 1:
     folder.mkdir(parents=True, exist_ok=True)
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+    looks = ("#bbbbbb", 4.0, "-"), ("#b84a06", 1.2, "-"), ("#0a5fd0", 1.2, "-"), ("#1b1b1b", 1.2, "--")
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for k, panel in enumerate(panels, 1):
-        for name, run in runs.items():
-            panel.plot(run.t, np.rad2deg(run[f"ref{k}.y"] - run[f"q{k}"]), label=name)
+        for (name, run), (colour, width, dashes) in zip(runs.items(), looks, strict=True):
+            error = np.rad2deg(run[f"ref{k}.y"] - run[f"q{k}"])
+            panel.plot(run.t, error, dashes, color=colour, lw=width, label=name)
         panel.set_ylabel(f"error of joint {k} [deg]")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
+        panel.margins(x=0)
+        panel.grid(color="#dddddd", lw=0.5)
+        panel.spines[["top", "right"]].set_visible(False)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
     panels[1].set_xlabel("t [s]")
-    figure.savefig(folder / "two_link_arm.png")
+    figure.savefig(folder / "two_link_arm.png", dpi=144)

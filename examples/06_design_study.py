@@ -39,9 +39,15 @@ if len(sys.argv) > 1:
 
     figure = Figure(figsize=(7.0, 4.5), layout="constrained")
     panel = figure.subplots()
-    for plant, line in zip((f"A {A:.2f}, theta {theta:.1f}" for A in sizes for theta in bends), error.T, strict=True):
-        panel.plot(gains, line, "o-", ms=3, label=plant)
-    panel.plot(gains, worst, "k", lw=3, alpha=0.3, label="worst")
-    panel.set(xlabel="pid.kp", ylabel="peak-to-peak error [deg]")
-    panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    figure.savefig(folder / "design_study.png")
+    for line in error.T:
+        panel.plot(gains, line, color="#bbbbbb", lw=1.0, label="_one plant")
+    panel.plot([], [], color="#bbbbbb", lw=1.0, label="each of the nine sheaths")
+    for name, line, colour in (("worst of them", worst, "#b84a06"), ("nominal sheath", nominal, "#0a5fd0")):
+        panel.plot(gains, line, "o-", ms=3, color=colour, label=name)
+        panel.plot(gains[line.argmin()], line.min(), "o", ms=9, mfc="none", color=colour, label="_its best gain")
+    panel.plot([], [], "o", ms=9, mfc="none", color="#5b5b5b", label="best gain")
+    panel.set(xlabel="pid.kp", ylabel="peak-to-peak error [deg]", ylim=(0, None))
+    panel.grid(color="#dddddd", lw=0.5)
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.legend(frameon=False)
+    figure.savefig(folder / "design_study.png", dpi=144)

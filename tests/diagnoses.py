@@ -64,6 +64,8 @@ def ranked(name, share, *, number=1, named=False, in_set=False, fitted=True, var
         fitted,
         more.get("at_bound", ()),
         more.get("parameters", {}),
+        why_not=more.get("why_not", ""),
+        words=more.get("words", ""),
         new=share if across is None else across / 20,
     )
 

@@ -79,7 +79,7 @@ def test_as_many_columns_as_are_read_take_seconds_at_most(file):
 
 # ---- JSON
 
-TWICE = "there are 2 columns named 'x'; give each a name of its own."
+TWICE = "there are 2 columns named 'x'; give them different names."
 
 
 @pytest.mark.parametrize(

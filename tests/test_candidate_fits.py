@@ -53,7 +53,7 @@ def halving(monkeypatch):
             candidate_fits, "fitted_candidate", lambda c, model, *_: SimpleNamespace(loss=next(losses), model=model)
         )
         model = SimpleNamespace(problem=None, setup=None, theta=None, mean_square=mean_square)
-        first = SimpleNamespace(loss=loss, model=model, candidate=None, tenable=True)
+        first = SimpleNamespace(loss=loss, model=model, candidate=None, untenable="")
         result = candidate_fits.at_sufficient_step(first, 2.0, 2.0, None, {})
         return "first" if result is first else result.loss
 

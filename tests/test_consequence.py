@@ -62,17 +62,15 @@ def test_a_compensator_that_makes_matters_worse_says_nothing_about_control():
     )
 
 
-def test_what_cannot_be_tracked_says_why():
+def test_what_cannot_be_tracked_says_why_where_a_compensator_is_meant():
     base = tsm.load("tendon_sheath_linear")
     volts = tsm.Diagram(
         title="v", blocks={"g": Gain()}, inputs={"x_in": tsm.Inlet("g.u", unit="V")}, outputs={"x_out": "g"}
     ).rewire(blocks={"g": Gain(unit="rad")})
-    assert consequence(model(volts, "V"), model(volts, "V")) == (
-        "Tracking was not simulated: x_in and x_out are not one motion, since their units differ."
-    )
+    assert consequence(model(volts, "V"), model(volts, "V")) == ""  # no compensator is meant
     two = model(base)
     two.setup.outputs = ("x_out", "u")
-    assert consequence(two, two) == "Tracking was not simulated: this requires one input and one output."
+    assert consequence(two, two) == ""
     back = base.with_parameters({"gain.gain": -1.0})
     assert consequence(model(back), model(back)) == (
         "Tracking was not simulated: the loop around the model, which forms the compensator, is unstable."

@@ -99,7 +99,7 @@ def test_only_what_is_tenable_and_removes_nearly_as_much_is_named_for_being_simp
     short = 2.0 * (1 - SIMPLER_EFFECT_SHARE)
     assert beside(1.0 + 0.8 * short) == "simple"
     assert beside(1.0 + 1.2 * short) == "best"
-    assert beside(1.0 + 0.8 * short, tenable=False) == "best"
+    assert beside(1.0 + 0.8 * short, untenable="noise") == "best"
 
 
 def test_the_lowest_loss_at_a_disqualifying_bound_is_what_might_still_be_reached():
@@ -174,7 +174,7 @@ def test_a_loss_that_is_not_tenable_might_not_be_reached():
     near = stand_in(2.0 + NOISE[1])
     filtered = stand_in(1.0 + NOISE[1])
     filtered = FittedCandidate(
-        filtered.candidate, filtered.model, filtered.losses, filtered.losses, filtered.loss, tenable=False
+        filtered.candidate, filtered.model, filtered.losses, filtered.losses, filtered.loss, untenable="noise"
     )
     verdict = decide(BASE, [near, filtered], PART, 1.0, 0)
     assert verdict.ranking == (near, filtered)

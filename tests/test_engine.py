@@ -438,6 +438,25 @@ def test_inputs_of_every_kind_agree():
     assert all(np.abs(run - runs[0]).max() < EXACT for run in runs)
 
 
+def test_a_recording_drives_all_inputs_that_are_not_given():
+    blocks = {"l": FirstOrderLag(), "sum": Sum()}
+    inputs = {"u": "sum.plus", "v": "sum.minus"}
+    diagram = tsm.Diagram(title="l", blocks=blocks, wires=["sum -> l"], inputs=inputs, outputs={"y": "l"})
+    t = np.linspace(0, 1, 101)
+    record = tsm.Record("run", t, {"u": np.sin(t), "v": t}, {"u": "1", "v": "1"})
+    by_name = tsm.simulate(diagram, inputs={"u": record, "v": record})["y"]
+    assert np.array_equal(tsm.simulate(diagram, data=record)["y"], by_name)
+    again = tsm.simulate(diagram, data=tsm.simulate(diagram, data=record))["y"]
+    assert np.abs(again - by_name).max() < EXACT
+    own = tsm.simulate(diagram, data=record, inputs={"v": 0.0})["y"]
+    assert np.array_equal(own, tsm.simulate(diagram, inputs={"u": record, "v": 0.0})["y"])
+    with pytest.raises(tsm.TsmError) as caught:
+        tsm.simulate(diagram, data="run.csv")
+    assert str(caught.value) == "data must be a recording or a run with the inputs of the diagram, got 'run.csv'."
+    with pytest.raises(tsm.TsmError, match="v"):
+        tsm.simulate(diagram, data=tsm.Record("run", t, {"u": np.sin(t)}, {"u": "1"}))
+
+
 def test_a_jump_in_a_held_input_falls_on_its_instant():
     """With zero-order hold a jump at a sample acts from that instant on, not half a step early."""
     diagram = tsm.Diagram(title="i", blocks={"i": Integrator()}, inputs={"u": "i.u"}, outputs={"y": "i"})

@@ -12,10 +12,10 @@ import tsmblocks as tsm
 from tsmblocks.blocks import Bias, Play, Ripple, Stretch
 from tsmblocks.diagnosis import determined
 from tsmblocks.diagnosis.determined import is_determined
+from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.model import ModelSettings, calibrate
 from tsmblocks.diagnosis.noise_filtering import filters_noise
-from tsmblocks.diagnosis.summary import DiagnosedPart
 from tsmblocks.diagnosis.surrogates import rolled, slow_noise, stretches_of
 
 DEG = np.pi / 180

@@ -43,7 +43,8 @@ half                          0.510       0.103       0.510      0.101
 noise floor (given)           0.100
 
 residual by coordinate:
-- 90 % of the excess: the sign of the error depends on the direction.
+- 90 % of the error above the noise floor: the sign of the error depends on the
+  direction.
 
 candidates, round 1 (* named, ~ indistinguishable from it):
   candidate   on                 removes  new exp.  t (2)
@@ -131,8 +132,8 @@ def test_a_diagnosis_is_told_in_this_order():
 
 def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
     assert verdict_text.verdict_sentence(UNKNOWN) == (
-        "Unmodelled effect between x_in and x_out that the one effect tried does not explain: the best removes 24 % of "
-        "the error above the noise floor. Of the residual's mean square, 90 % is predicted from the recorded signals on "
+        "Unmodelled effect between x_in and x_out that the one effect tried does not explain: the best, dead_time, "
+        "removes 24 % of the error above the noise floor. Of the residual's mean square, 90 % is predicted from the recorded signals on "
         "held-out data: the sign of the error depends on the direction. The error of x_out on held-out data "
         "is 0.520 deg rms, its noise floor 0.100."
     )
@@ -190,11 +191,11 @@ def test_the_output_furthest_above_its_noise_is_the_one_told():
     (gap,) = NAMED.gaps
     other = attrs.evolve(gap, output="u", unit="V", noise_floor=0.01, held_out=(2.0, 0.02), train=(2.0, 0.02))
     assert (
-        "the error of u on held-out data falls from 2.00 to 0.0200 V rms (noise floor 0.0100)"
+        "the error of u on held-out data falls from 2.00 to 0.0200 V rms, by 98 % of the error above the noise."
         in verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(gap, other)))
     )
     bare = attrs.evolve(NAMED, gaps=(attrs.evolve(other, unit=""),))
-    assert "falls from 2.00 to 0.0200 rms (noise floor 0.0100)" in verdict_text.verdict_sentence(bare)
+    assert "falls from 2.00 to 0.0200 rms, by 98 %" in verdict_text.verdict_sentence(bare)
 
 
 def test_a_compensator_that_does_no_better_is_explained():
@@ -224,7 +225,10 @@ def test_what_is_left_after_all_that_was_named_is_told():
         attrs.evolve(more, ranking=first)
     )
     slow = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
-    assert "1.7 times the noise floor, which may be slow noise: no recorded signal predicts it." in slow
+    assert (
+        "falls from 0.520 to 0.170 deg rms, by 98 % of the error above the noise. What remains counts as noise, since no "
+        "recorded signal predicts it: it may be slow noise. It is 1.7 times the noise floor of 0.100 deg (given)."
+    ) in slow
     assert "still" not in verdict_text.verdict_sentence(NAMED)
 
 
@@ -239,7 +243,7 @@ def test_lines_fit_a_terminal_but_for_code():
 
 @pytest.mark.parametrize(
     ("share", "shown"),
-    [(0.976, "98 %"), (1.27, "100 %"), (0.0, "0 %"), (-0.004, "0 %"), (-5.0, "< 0 %"), (1e9, ""), (float("nan"), "")],
+    [(0.976, "98 %"), (1.27, "100 %"), (0.0, "0 %"), (-0.004, "0 %"), (-5.0, "< 0 %"), (float("nan"), "")],
 )
 def test_shares_in_percent(share, shown):
     assert verdict_text.percent(share) == shown

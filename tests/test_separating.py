@@ -113,7 +113,9 @@ def test_of_several_the_hardest_to_tell_counts(models):
     assert max(s.size for s in separations(one, [other, same], records, ASKED)) < 1e-2
     said = separating_experiment(one, [other, same], records, ASKED)
     assert said.startswith(effect("dead_time").separates)
-    assert said.endswith("; no motion within the range and speed of the recordings does")
+    assert said.endswith(
+        ", in a larger range or at a higher speed than recorded: no motion within these separates them"
+    )
 
 
 def test_a_clock_that_began_long_before_changes_no_foretold_experiment():

@@ -51,6 +51,15 @@ def test_metrics_are_the_closed_form():
     assert np.isinf(found["rise_time(y, 3)"]).tolist() == [True, True, True, True, False, True]
 
 
+def test_angles_are_printed_in_degrees_as_they_are_plotted():
+    plan = grid({"motor.K": [2.0]})
+    found = study(tsm.load("motor_linear"), plan, ["final(x)"], inputs={"u": 1.0}, stop=0.5, step=0.01)
+    assert found.units["final(x)"] == "rad"
+    (row,) = [line for line in str(found).splitlines() if line.startswith("final(x)")]
+    assert row.startswith("final(x) [deg]  ")
+    assert float(row.split()[2]) == pytest.approx(np.degrees(found["final(x)"][0]), rel=1e-3)
+
+
 def test_every_run_is_what_a_run_alone_gives():
     diagram = tsm.load(FIG16)
     plan = monte_carlo({"pid.kp": (0.5, 2.0), "theta": Normal(4.4, 0.4)}, 5, seed=1)

@@ -78,7 +78,7 @@ def refuse_twice(origin: str, names: Sequence[str]) -> None:
     """Raise DataError for a name that several columns have: only one of them could be read under it."""
     name, count = Counter(names).most_common(1)[0] if names else ("", 0)
     if count > 1:
-        raise DataError(f"{origin}: there are {count} columns named '{name}'; give each a name of its own.")
+        raise DataError(f"{origin}: there are {count} columns named '{name}'; give them different names.")
 
 
 def _of_length(known: Mapping[str, np.ndarray], length: int) -> dict[str, np.ndarray]:

@@ -9,13 +9,14 @@ from tsmblocks.common.tables import listed
 from tsmblocks.common.version import __version__
 from tsmblocks.diagnosis.arguments import Request
 from tsmblocks.diagnosis.consequence import consequence
+from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of, in_whole_diagram
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
 from tsmblocks.diagnosis.script import diagram_source
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
-from tsmblocks.diagnosis.summary import DiagnosedPart, segment_summary
+from tsmblocks.diagnosis.summary import segment_summary
 from tsmblocks.fitting.holds import common_holds, in_one_word
 from tsmblocks.fitting.parameters import with_initial_values
 from tsmblocks.model.diagram import Diagram

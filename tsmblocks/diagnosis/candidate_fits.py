@@ -36,7 +36,7 @@ def at_sufficient_step(
         except RunError:  # more steps than fit into memory
             return one
         model = optimized(problem, setup, finer.model.theta, FINE_TOLERANCE)
-        finer = fitted_candidate(one.candidate, model, blocks, shrinkage, one.tenable)
+        finer = fitted_candidate(one.candidate, model, blocks, shrinkage, one.untenable)
         if finer.loss <= FAILED_RATIO * base_loss:
             return finer
     return one

@@ -35,18 +35,20 @@ Errors = tuple[float, float]
 
 
 def consequence(base: Model, augmented: Model) -> Consequence | str:
-    """Track a recorded motion with the augmented model as the plant; a sentence where that is not possible.
+    """Track a recorded motion with the augmented model as the plant; a sentence where that fails.
 
     A compensator is a fast loop around a model: the command with which the model tracks the reference. The reference is
-    the input of the first experiment; plant and models have the initial states estimated for it.
+    the input of the first experiment; plant and models have the initial states estimated for it. Where a command and
+    the motion are two things, since their units differ, or there are several, no compensator is meant: the sentence is
+    empty.
     """
     experiment, outputs, inputs = base.setup.experiments[0], base.setup.outputs, list(base.diagram.inputs)
     if len(inputs) != 1 or len(outputs) != 1:
-        return f"{NOT_TRACKED} this requires one input and one output."
+        return ""
     (inlet,), (outlet,) = inputs, outputs
     unit = augmented.diagram.unit(outlet)
     if not unit or augmented.diagram.inports[inlet].unit != unit:
-        return f"{NOT_TRACKED} {inlet} and {outlet} are not one motion, since their units differ."
+        return ""
     record = experiment.record
     wanted, plant = record.values(inlet, unit), _of_first_experiment(augmented)
     models = [None, _of_first_experiment(base), plant]

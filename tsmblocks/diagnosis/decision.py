@@ -68,9 +68,8 @@ class FittedCandidate:
     """A candidate fitted together with the base, and its held-out losses [noise variances].
 
     ``losses`` (B,) are the held-out losses by time blocks, ``experiment_losses`` (B,) those with whole experiments held
-    out; ``loss`` is the mean of ``losses`` over all samples. ``tenable`` is False where
-    noise with the spectrum of the residual would let the best candidate remove as much, it follows the motion, or it
-    filters no more than the noise of an input.
+    out; ``loss`` is the mean of ``losses`` over all samples. ``untenable`` says why it may not be named, however much
+    it removes; empty where it may.
     """
 
     candidate: Candidate
@@ -78,7 +77,12 @@ class FittedCandidate:
     losses: np.ndarray = attrs.field(repr=False)
     experiment_losses: np.ndarray = attrs.field(repr=False)
     loss: float
-    tenable: bool = True
+    untenable: str = ""
+
+    @property
+    def tenable(self) -> bool:
+        """Whether it may be named."""
+        return not self.untenable
 
     @property
     def disqualifying_bounds(self) -> tuple[str, ...]:
@@ -121,12 +125,12 @@ def held_out_losses(model: Model, blocks: TimeBlocks, shrinkage: Shrinkage) -> t
 
 
 def fitted_candidate(
-    candidate: Candidate, model: Model, blocks: TimeBlocks, shrinkage: Shrinkage, tenable: bool
+    candidate: Candidate, model: Model, blocks: TimeBlocks, shrinkage: Shrinkage, untenable: str
 ) -> FittedCandidate:
     """A fitted candidate with its losses; ``shrinkage`` is that of the effects named before."""
     losses, experiment_losses = held_out_losses(model, blocks, {**shrinkage, **shrinkage_of(candidate)})
     loss = mean_loss(losses, blocks)
-    return FittedCandidate(candidate, model, losses, experiment_losses, loss, tenable)
+    return FittedCandidate(candidate, model, losses, experiment_losses, loss, untenable)
 
 
 def mean_loss(losses: np.ndarray, blocks: TimeBlocks) -> float:

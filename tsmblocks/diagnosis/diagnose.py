@@ -22,6 +22,7 @@ from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
 from tsmblocks.diagnosis.cross_validation import time_blocks
+from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.forward_selection import (
     SearchContext,
@@ -54,7 +55,6 @@ from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.stand_in import stands_in
-from tsmblocks.diagnosis.summary import DiagnosedPart
 from tsmblocks.diagnosis.time_and_distance import only_frequency
 from tsmblocks.diagnosis.undetermined import without_undetermined
 from tsmblocks.diagnosis.varying_factor import varying_factor

@@ -33,6 +33,8 @@ significance is five standard errors."""
 MAX_SPEED_RATIO = 1.02
 """Highest speed of a proposed motion over that of the recordings. Chosen: rounding only."""
 
+BEYOND = "in a larger range or at a higher speed than recorded: no motion within these separates them"
+
 
 class Motion(NamedTuple):
     """A motion of the first input: ``values`` (SAMPLES,) in its unit."""
@@ -67,7 +69,7 @@ def separating_experiment(
     if best is None:
         return own.separates
     if not best.size >= MIN_SEPARATION:
-        return f"{own.separates}; no motion within the range and speed of the recordings does"
+        return f"{own.separates}, {BEYOND}"
     return f"{best.words} (expected difference {digits(best.size)} times the noise)"
 
 

@@ -163,13 +163,14 @@ def search_round(
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
     base_loss = mean_loss(losses[0], search.blocks)
     for score, m in zip(chosen, models, strict=True):
-        gain = (model.mean_square - m.mean_square) * len(model.r)
-        tenable = (
-            gain > limits[score]
-            and not (follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion())
-            and not filters_noise(m, score.candidate, search.input_noise)
-        )
-        found = fitted_candidate(score.candidate, m, search.blocks, shrinkage, tenable)
+        gain, untenable = (model.mean_square - m.mean_square) * len(model.r), ""
+        if gain <= limits[score]:
+            untenable = "noise alone can remove as much"
+        elif follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
+            untenable = "its frequency is that of the motion"
+        elif filters_noise(m, score.candidate, search.input_noise):
+            untenable = "removes noise of the input only"
+        found = fitted_candidate(score.candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
     best = min((one.loss for one in fitted if one.tenable and np.isfinite(one.loss)), default=np.inf)
     noise_variance = search.noise.least(best)  # it is no larger than what the best candidate leaves

@@ -5,6 +5,7 @@ from __future__ import annotations
 import attrs
 
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
+from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
@@ -51,29 +52,33 @@ class Difference:
 
 
 def difference(before: Diagram, after: Diagram) -> Difference:
-    """The changes from ``before`` to ``after``."""
+    """The changes from ``before`` to ``after``; initial states, which each recording has its own of, are no changes."""
     old, new = _all_wires(before), _all_wires(after)
-    known = before.parameters
+    known, fields = before.parameters, numbers(after)
     parameters = tuple(
         ChangedParameter(name, known[name], value, unit_of(after, name))
         for name, value in after.parameters.items()
-        if name in known and abs(value - known[name]) > PARAMETER_TOLERANCE * max(abs(value), abs(known[name]))
+        if name in known
+        and not is_start(fields.get(name, []))
+        and abs(value - known[name]) > PARAMETER_TOLERANCE * max(abs(value), abs(known[name]))
     )
     return Difference(
-        {k: in_code(b) for k, b in after.blocks.items() if k not in before.blocks},
-        {k: in_code(b) for k, b in before.blocks.items() if k not in after.blocks},
+        {k: in_code(b, states=False) for k, b in after.blocks.items() if k not in before.blocks},
+        {k: in_code(b, states=False) for k, b in before.blocks.items() if k not in after.blocks},
         tuple(w for w in new if w not in old),
         tuple(w for w in old if w not in new),
         parameters,
     )
 
 
-def in_code(block: Block | Diagram) -> str:
-    """A block as a script makes it, with the parameters that are not at their default."""
+def in_code(block: Block | Diagram, *, states: bool = True) -> str:
+    """A block as a script makes it, with the parameters that are not at their default, and with initial states."""
     if isinstance(block, Diagram):
-        return f"Diagram({', '.join(f'{k}={in_code(b)}' for k, b in block.blocks.items())})"
+        return f"Diagram({', '.join(f'{k}={in_code(b, states=states)}' for k, b in block.blocks.items())})"
     defaults = {f.name: f.default for f in attrs.fields(type(block))}  # type: ignore[arg-type]
-    shown = [f"{k}={_literal(v)}" for k, v in block.parameters.items() if defaults.get(k, attrs.NOTHING) != v]
+    known = block.fields()
+    given = {k: v for k, v in block.parameters.items() if states or k not in known or not is_start([known[k]])}
+    shown = [f"{k}={_literal(v)}" for k, v in given.items() if defaults.get(k, attrs.NOTHING) != v]
     return f"{type(block).__name__}({', '.join(shown)})"
 
 

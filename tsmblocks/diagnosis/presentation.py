@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import attrs
@@ -10,8 +10,8 @@ import numpy as np
 
 from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.partition import experiment_of
-from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, binned, coordinates
-from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, Segment, Trace
+from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, binned, coordinates, words_for
+from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
 from tsmblocks.fitting.parameters import numbers, unknown
 from tsmblocks.model.diagram import Diagram
 
@@ -19,6 +19,15 @@ MIN_BIN_BLOCKS = 3
 """Time blocks of a bin from which the standard error of its mean is estimated. Chosen."""
 MAX_SIZES = 2
 """Sizes of an effect that are reported in a sentence. Chosen: all of them are in the tables."""
+LARGEST_PLAIN = 1e5
+"""Magnitude below which numbers are written without a power of ten. Chosen: as engineers write them."""
+FLOOR_WORDS = {
+    "repeats": "what differs between recordings of the same motion",
+    "repeated periods": "what differs from one period of the motion to a later one",
+    "stand-still": "the noise while the mechanism stands still",
+    "high frequencies": "a lower limit, which sees only fast noise",
+}
+"""What an estimated noise floor contains, by its method."""
 DARKEST = 4.0
 """Excess, in variances of the noise, at which a block of a strip is as dark as it gets. Chosen."""
 
@@ -30,6 +39,8 @@ def with_interval(q: Quantity) -> str:
     if not np.isfinite(half) or half == 0:
         return in_display_units(q.value, q.unit) + (" (not determined)" if half else "")
     digits = 1 - int(np.floor(np.log10(half)))
+    if digits < 0 and abs(value) < LARGEST_PLAIN:
+        return f"{round(value, digits):.0f} ± {round(half, digits):.0f} {unit}".rstrip()
     if not 0 <= digits <= 6:
         return f"{value:.3g} ± {half:.2g} {unit}".rstrip()
     return f"{value:z.{digits}f} ± {half:.{digits}f} {unit}".rstrip()
@@ -37,13 +48,18 @@ def with_interval(q: Quantity) -> str:
 
 def digits(value: float) -> str:
     """A number with three digits, trailing zeros included."""
-    return f"{value:#.3g}".rstrip(".")
+    return _plain(f"{value:#.3g}").rstrip(".")
+
+
+def _plain(text: str) -> str:
+    """A number as engineers write it: 2980 and not 2.98e+03; powers of ten from ``LARGEST_PLAIN``."""
+    return f"{float(text):.0f}" if "e+" in text and abs(float(text)) < LARGEST_PLAIN else text
 
 
 def in_display_units(value: float, unit: str) -> str:
     """A number with its unit for display: three digits, angles in degrees."""
     k, shown = display_unit(unit)
-    return f"{k * value:.3g} {shown}".rstrip()
+    return f"{_plain(f'{k * value:.3g}')} {shown}".rstrip()
 
 
 def unit_of(diagram: Diagram, parameter: str) -> str:
@@ -131,6 +147,18 @@ def gap_rows(segment: Segment, gap: Gap) -> list[tuple[str, tuple[float, ...], t
     return rows
 
 
+def floor_text(gap: Gap) -> str:
+    """Where the noise floor comes from, and what it contains: ``from high frequencies: a lower limit, …``."""
+    if gap.given or gap.method not in FLOOR_WORDS:
+        return gap.given or gap.method
+    return f"from {gap.method}: {FLOOR_WORDS[gap.method]}"
+
+
+def by_removed(rows: Iterable[RankedCandidate]) -> list[RankedCandidate]:
+    """Candidates from the one that removes most of the error to the one that removes least."""
+    return sorted(rows, key=lambda one: -one.gain if np.isfinite(one.gain) else np.inf)
+
+
 def by_excess(traces: Sequence[Trace]) -> list[Trace]:
     """Traces from the one with the largest error above the noise to the one with the smallest."""
     return sorted(traces, key=lambda one: -float(np.mean(one.excess[:, 2])) if len(one.excess) else 0.0)
@@ -180,7 +208,7 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     own = traces[0].unit if not len(traces[0].drive) else diagram.unit(traces[0].drive_name)
     rate, _ = COORDINATES[coordinate]
     unit = rate if "{}" not in rate else rate.format(own) if own else ""
-    return Profile(coordinate, unit, traces[0].unit, *table)
+    return Profile(words_for(coordinate, traces[0].drive_name, own), unit, traces[0].unit, *table)
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:

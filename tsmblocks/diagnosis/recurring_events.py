@@ -38,10 +38,10 @@ def without_recurring_events(
     made, model, shrinkage = rounds_for(rounds, kept, search)
     effects = [one for one in search.effects if not any(one.name == event.candidate.effect.name for event in events)]
     made.append(closing_round(model, shrinkage, attrs.evolve(search, effects=effects)))
-    words = ", ".join(dict.fromkeys(one.candidate.effect.words for one in events))
+    names = ", ".join(dict.fromkeys(one.candidate.effect.name for one in events))
     text = (
-        f"{len(events)} effects of time ({words}) would be needed, with another size in each experiment: an error that "
-        "comes and goes so often is irregular, and no effect is named for it."
+        f"to explain the residual takes {len(events)} changes over time ({names}), each with another size in each "
+        "experiment: an error that comes and goes so often is irregular, and no effect is named for it."
     )
     return made, [text]
 

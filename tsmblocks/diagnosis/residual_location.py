@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tsmblocks.common.units import base_unit, is_unit
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.result import ResidualCoordinate
 
@@ -31,10 +32,31 @@ COORDINATES = {
     "acceleration": ("{}/s^2", "the error depends on the acceleration"),
     "distance since reversal": ("{}", f"the error depends on the distance {_SINCE}"),
     "time since reversal": ("s", f"the error depends on the time {_SINCE}"),
-    "session time": ("s", "the error depends on the session time"),
+    "session time": ("s", "the error drifts over the recordings"),
     "experiment": ("", "the error differs from experiment to experiment"),
 }
 """The unit of each coordinate, with that of the motion for the braces, and the meaning of a dependence on it."""
+
+MOTIONS = ("", "1", "rad", "m")
+"""Units of signals that are motions; a coordinate of any other signal is called by the signal's name."""
+OF_A_SIGNAL = {
+    "the direction": "the direction of {}",
+    "position": "{}",
+    "speed": "rate of {}",
+    "acceleration": "second derivative of {}",
+    "the {}": "{}",
+}
+"""Words for a coordinate of a motion, and for that of a signal which is none, such as a voltage."""
+
+
+def words_for(text: str, signal: str, unit: str) -> str:
+    """A text on coordinates of a signal [unit]: of a voltage ``u`` the ``position`` is ``u``."""
+    text = text.replace("session time", "time")
+    if not signal or not is_unit(unit) or base_unit(unit) in MOTIONS:
+        return text
+    for motion, other in OF_A_SIGNAL.items():
+        text = text.replace(motion, other)
+    return text.replace("{}", signal)
 
 
 def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.ndarray]:
@@ -61,16 +83,19 @@ def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.n
 
 
 def residual_coordinates(
-    r: np.ndarray, known: Mapping[str, np.ndarray], blocks: TimeBlocks, excess: float
+    r: np.ndarray, known: Mapping[str, np.ndarray], blocks: TimeBlocks, excess: float, of: tuple[str, str] = ("", "")
 ) -> tuple[ResidualCoordinate, ...]:
     """The coordinates that predict most of the residual ``r`` (N,), on held-out blocks.
 
-    ``excess`` is the mean square of ``r`` above the noise's.
+    ``excess`` is the mean square of ``r`` above the noise's; ``of`` are name and unit of the signal that moves.
     """
     if excess <= 0:
         return ()
     shares = {name: _share(r, binned(values, BIN_COUNT), blocks.fold, excess) for name, values in known.items()}
-    found = [ResidualCoordinate(name, min(share, 1.0), COORDINATES[name][1]) for name, share in shares.items()]
+    found = [
+        ResidualCoordinate(name, min(share, 1.0), words_for(COORDINATES[name][1], *of))
+        for name, share in shares.items()
+    ]
     best = sorted(found, key=lambda one: -one.share)[:MAX_COORDINATES]
     return tuple(one for one in best if one.share >= MIN_COORDINATE_SHARE)
 

@@ -13,14 +13,11 @@ import numpy as np
 from tsmblocks.common.frames import frame
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
+from tsmblocks.diagnosis.cautions import cautions
+from tsmblocks.diagnosis.plain_values import diagnosis_values, ranking_values
 from tsmblocks.diagnosis.settings import Provenance, Simulated
 from tsmblocks.fitting.result import Fit
-from tsmblocks.fitting.text import estimate_cautions
 from tsmblocks.model.diagram import Diagram
-
-EFFECT_KEYS = {"across": "share_removed_across_experiments"}
-RANKING_KEYS = {"gain": "held_out_gain", "new": "share_across", "t": "statistic", "units": ""}
-"""Field -> key of ``diagnosis.json`` where they differ; empty for a field that is left out."""
 
 
 @attrs.frozen
@@ -42,7 +39,8 @@ class NamedEffect:
     experiments held out (None with a single one). ``also_possible`` are effects indistinguishable from it with these
     data, and ``separating_experiment`` is one that separates them. ``code`` is the line that adds the block. ``sizes``
     are measurable quantities (an amplitude, a gap, a frequency), derived from ``parameters``, the most informative
-    first; empty for an effect that defines none.
+    first; empty for an effect that defines none. ``other_places`` are the insertion points at which the same effect is
+    indistinguishable from this one.
     """
 
     name: str
@@ -58,6 +56,7 @@ class NamedEffect:
     separating_experiment: str
     code: str
     sizes: Mapping[str, Quantity] = attrs.field(factory=dict)
+    other_places: tuple[str, ...] = ()
 
 
 @attrs.frozen
@@ -65,9 +64,10 @@ class RankedCandidate:
     """A candidate: its reduction of the held-out loss [noise variances], t-statistic and critical value ``line``.
 
     ``round`` counts from 1; ``gain`` is the predicted reduction where a candidate was screened out (``fitted`` False).
-    ``share`` is the gain over the error above the noise floor; ``across`` and ``new`` are gain and share with whole
-    experiments held out (NaN with a single one, or without a fit). ``in_set`` is True for the candidate named and those
-    indistinguishable from it.
+    ``share`` is the gain over the error above the noise, at most 1 (a model may leave less than the noise was estimated
+    to be), NaN where next to nothing is above it; ``across`` and ``new`` are gain and share with whole experiments held
+    out (NaN with a single one, or without a fit). ``in_set`` is True for the candidate named and those that are
+    indistinguishable from it; ``why_not`` is why a fitted candidate was not named; ``words`` says what the effect is.
     """
 
     round: int
@@ -88,6 +88,8 @@ class RankedCandidate:
     at_bound: tuple[str, ...] = ()
     parameters: Mapping[str, float] = attrs.field(factory=dict)
     units: Mapping[str, str] = attrs.field(factory=dict)
+    why_not: str = ""
+    words: str = ""
 
 
 @attrs.frozen
@@ -214,7 +216,7 @@ class Segment:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the parameters of the last model, as a fit of it would give."""
-        return () if self.fit is None else tuple(estimate_cautions(self.fit))
+        return () if self.fit is None else tuple(cautions(self.fit))
 
 
 @attrs.frozen(eq=False)
@@ -311,30 +313,7 @@ class Diagnosis:
         dict
             Numbers, texts, lists and mappings only; numbers with six digits.
         """
-        return {
-            "format": 1,
-            "diagram": self.diagram,
-            "experiments": list(self.experiments),
-            "windows": _json_value(self.windows),
-            "seed": self.seed,
-            "verdict": self.verdict,
-            "complete": self.complete,
-            "sentence": self.sentence,
-            "status": self.status,
-            "effects": [_named_values(e, EFFECT_KEYS) for e in self.effects],
-            "effects_tried": len({name for s in self.segments for name in s.effects_tried}),
-            "gap": _json_value(_gap(self.worst.gaps[0])),
-            "where": _json_value(self.worst.where),
-            "ranking": self._ranking,
-            "detection_limits": {m.name: _json_value(m.value) for s in reversed(self.segments) for m in s.limits},
-            "segments": _json_value([_segment(s) for s in self.segments]),
-            "consequence": _json_value(self.consequence),
-            "no_consequence": self.no_consequence,
-            "start_states": self.start_states,
-            "simulated": None if self.simulated is None else self.simulated.to_dict(),
-            "provenance": _json_value(self.provenance),
-            "notes": list(self.notes),
-        }
+        return diagnosis_values(self)
 
     def to_pandas(self) -> Any:
         """Return a frame with a row for each candidate of each round. Needs pandas.
@@ -344,14 +323,9 @@ class Diagnosis:
         pandas.DataFrame
             Columns as in the ranking of ``diagnosis.json``.
         """
-        rows = self._ranking
+        rows = ranking_values(self)
         known = [k for k in (rows[0] if rows else {}) if k not in ("at_bound", "parameters")]
         return frame({k: [row[k] for row in rows] for k in known})
-
-    @property
-    def _ranking(self) -> list[dict[str, Any]]:
-        """Every candidate of each round, as in ``diagnosis.json``."""
-        return [_named_values(r, RANKING_KEYS) for s in self.segments for r in s.ranking]
 
     def to_json(self) -> str:
         """Return the text of ``diagnosis.json``.
@@ -409,63 +383,3 @@ class Diagnosis:
 
     def __str__(self) -> str:
         return view("text", self)
-
-
-def _gap(gap: Gap) -> dict[str, Any]:
-    return {
-        "output": gap.output,
-        "unit": gap.unit,
-        "noise_floor": gap.noise_floor,
-        "noise_floor_from": gap.method,
-        "train": {"before": gap.train[0], "after": gap.train[-1]},
-        "held_out": {"before": gap.held_out[0], "after": gap.held_out[-1]},
-        "steps": {"train": gap.train, "held_out": gap.held_out},
-        "experiments": gap.experiments,
-    }
-
-
-def _segment(s: Segment) -> dict[str, Any]:
-    return {
-        "name": s.name,
-        "inputs": s.inputs,
-        "outputs": s.outputs,
-        "verdict": s.verdict,
-        "complete": s.complete,
-        "irregular": s.irregular,
-        "varies_with": s.varies_with,
-        "predictable": {"before": s.predictable[0], "after": s.predictable[1]},
-        "largest_noise": s.largest_noise,
-        "excess": s.excess,
-        "sentence": s.sentence,
-        "effects": [e.name for e in s.effects],
-        "effects_tried": len(s.effects_tried),
-        "numbers": [] if s.fit is None else [e.to_dict() for e in s.fit],
-        "cautions": s.cautions,
-        "ceiling": s.ceiling,
-        "gaps": [_gap(g) for g in s.gaps],
-        "where": s.where,
-        "detection_limits": {m.name: None if m.value is None else _limit(m) for m in s.limits},
-    }
-
-
-def _limit(m: DetectionLimit) -> dict[str, Any]:
-    size = {"size": {"name": m.size_name, "value": m.size, "unit": m.size_unit}} if m.size_name else {}
-    return {"parameter": m.parameter, "value": m.value, "unit": m.unit, **size}
-
-
-def _named_values(record: Any, keys: Mapping[str, str]) -> dict[str, Any]:
-    """The fields of a record under the keys of ``diagnosis.json``."""
-    return {keys.get(name, name): value for name, value in _json_value(record).items() if keys.get(name, name)}
-
-
-def _json_value(value: Any) -> Any:
-    """Records and mappings as dicts, tuples as lists; numbers with six digits, None for NaN and infinity."""
-    if attrs.has(type(value)):
-        return _json_value(attrs.asdict(value, recurse=False))
-    if isinstance(value, Mapping):
-        return {k: _json_value(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_json_value(v) for v in value]
-    if isinstance(value, (float, np.floating)):
-        return float(f"{float(value):.6g}") if np.isfinite(value) else None  # more digits than any interval supports
-    return value

@@ -20,6 +20,8 @@ from tsmblocks.model.diagram import Diagram, Inlet
 
 MAX_INLINE_EXPERIMENTS = 12
 """Experiments (or pieces) whose initial states are written out; more are read from diagnosis.json. Chosen: a page."""
+STEP_DIGITS = 10
+"""Significant digits of a step. Chosen: a recording has fewer samples than that, so no instant moves by a sample."""
 
 
 def script_lines(diagnosis: Diagnosis) -> list[str]:
@@ -152,6 +154,11 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
     yield f"    print(tsm.score(diagram, {{name: made}}, {', '.join(_arguments(diagnosis, how))}))"
 
 
+def _short(step: float) -> float:
+    """A step [s] without the rounding of the time stamps it was found from: 0.008 for 0.00799999999999912."""
+    return float(f"{step:.{STEP_DIGITS}g}")
+
+
 def _too_many(how: Simulated) -> bool:
     """Whether there are too many initial states and pieces to write out."""
     return len(how.start_states) > MAX_INLINE_EXPERIMENTS
@@ -164,7 +171,8 @@ def _arguments(diagnosis: Diagnosis, how: Simulated) -> Iterator[str]:
         yield "window=(first, None)"
     elif diagnosis.windows:
         yield f"window={literal(dict(diagnosis.windows))}.get(name)"
-    one = set(how.steps.values())
-    yield f"step={one.pop()!r}" if len(one) == 1 else f"step={literal(dict(how.steps))}[name]"
+    steps = {name: _short(step) for name, step in how.steps.items()}
+    one = set(steps.values())
+    yield f"step={one.pop()!r}" if len(one) == 1 else f"step={literal(steps)}[name]"
     yield from [] if how.integrator == "rk4" else [f"integrator={how.integrator!r}"]
     yield f"hold={how.hold!r}"

@@ -10,23 +10,46 @@ from tsmblocks.common.tables import WIDTH, columns, line_width, listed, table_wi
 from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
+from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.presentation import (
+    FLOOR_WORDS,
+    by_removed,
     digits,
     display_unit,
     fitted_rms,
+    floor_text,
     in_display_units,
     output_traces,
     with_interval,
 )
 from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, RankedCandidate, Segment
 from tsmblocks.diagnosis.script import script_lines
-from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence, verdict_word
+from tsmblocks.diagnosis.verdict_text import (
+    candidate_title,
+    next_steps,
+    percent,
+    segments_by_verdict,
+    verdict_sentence,
+    verdict_word,
+)
 from tsmblocks.fitting.text import estimate_rows
 
-MAX_NAME_LENGTH, MAX_HEADING_LENGTH = 28, 14
-"""Characters at which a name in a table is cut, and the heading of a column of numbers, in lines of 80. Chosen."""
+MAX_NAME_LENGTH, MIN_HEADING_LENGTH = 28, 14
+"""Characters at which a name in a table is cut, and those that a heading of a column has at least, in lines of 80.
+Chosen."""
 NUMBERS_WIDTH = 32
-"""Characters of the other columns of a table of candidates, whose names and wires have the rest of a line. Measured."""
+"""Characters of the columns of numbers in a table of candidates. Measured."""
+MIN_TITLE_WIDTH, MIN_REASON_WIDTH = 14, 24
+"""Characters that a table of candidates has at least for their names, and for reasons in a column. Chosen."""
+VARIANT_WORDS = {
+    "own sizes": "with a separate size in each recording",
+    "own sizes and times": "with a separate size at a separate instant in each recording",
+    "across": "on the output, depending on the input",
+    "drive": "on the signal that drives the plant",
+    "loop": "of the width of the hysteresis, which may be zero before",
+    "loop of the input": "of the width of the hysteresis, by the motion of the input",
+}
+"""Variants of effects whose names do not say enough, in words."""
 MAX_ROWS = 8
 """Candidates of a round that are reported. Chosen."""
 MAX_ROWS_UNNAMED = 3
@@ -75,7 +98,12 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
     """The errors of one output by experiment: held out, and in the last columns as fitted."""
     k, unit = display_unit(gap.unit)
     last = ["fitted"] if len(gap.train) == 1 else ["fit before", "fit after"]
-    titles = [*(_cut(title, MAX_HEADING_LENGTH) for title in column_titles(segment)), *last]
+    first = f"held-out rms of {gap.output} [{unit or 'its unit'}]"
+    floor = f"noise floor ({gap.given or gap.method})" if gap.given or gap.method not in FLOOR_WORDS else "noise floor"
+    made = column_titles(segment)
+    room = table_width() - max(len(first), len(floor)) - sum(len(title) + 2 for title in (made[0], *last))
+    width = max(MIN_HEADING_LENGTH, room // max(len(made) - 1, 1) - 2)
+    titles = [*(_cut(title, width) for title in made), *last]
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     rows: list[tuple[str, tuple[float, ...], tuple[float, ...]]] = [
         ("all", gap.held_out, (gap.train[0], gap.train[-1]))
@@ -84,56 +112,85 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
         rows += [
             (_cut(name, _name_length()), held_out, fitted.get(name, ())) for name, held_out in gap.experiments.items()
         ]
-    rows.append((f"noise floor ({gap.given or gap.method})", (gap.noise_floor,), ()))
-    table = [[f"held-out rms of {gap.output} [{unit or 'its unit'}]", *titles]]
+    rows.append((floor, (gap.noise_floor,), ()))
+    table = [[first, *titles]]
     for name, held_out, own in rows:
         cells = [name, *(digits(k * v) for v in (*held_out, *own[: len(last)]))]
         table.append(cells + [""] * (1 + len(titles) - len(cells)))
-    return columns(table)
+    below = f"\n{_filled(f'noise floor {floor_text(gap)}.')}" if floor == "noise floor" else ""
+    return f"{columns(table)}{below}"
 
 
 def _residual_location(segment: Segment) -> list[str]:
-    return _bullets("residual by coordinate", [f"{percent(w.share)} of the excess: {w.words}." for w in segment.where])
+    above = "of the error above the noise floor"
+    return _bullets("residual by coordinate", [f"{percent(w.share)} {above}: {w.words}." for w in segment.where])
 
 
 def _ranking(segment: Segment) -> list[str]:
     """The candidates that were fitted, by round, and how many were screened out."""
-    parts, several = list[str](), len(segment.gaps[0].experiments)
+    parts, variants = list[str](), list[str]()
     for number in sorted({r.round for r in segment.ranking}):
         here = [r for r in segment.ranking if r.round == number]
-        fitted = [r for r in here if r.fitted]
+        fitted = by_removed(r for r in here if r.fitted)
         if not fitted:
             continue
-        shown = fitted[: MAX_ROWS_UNNAMED if segment.effects and not any(r.named for r in fitted) else MAX_ROWS]
-        titles = [_cut(candidate_title(r), _name_length()) for r in shown]
-        numbers = NUMBERS_WIDTH - (0 if several > 1 else len("  new exp."))
-        room = max(table_width() - numbers - max(map(len, titles)), MAX_HEADING_LENGTH)
-        rows = [["  candidate", "on", "removes", *["new exp."][: several - 1], f"t ({fitted[0].line:.2g})"]]
-        rows += [
-            [
-                f"{'*' if r.named else '~' if r.in_set else ' '} {title}",
-                _cut(r.wire.strip(), room),
-                percent(r.share),
-                *[percent(share_across_experiments(r, several))][: several - 1],
-                f"{r.t:.1f}",
-            ]
-            for r, title in zip(shown, titles, strict=True)
-        ]
+        most = MAX_ROWS_UNNAMED if segment.effects and not any(r.named for r in fitted) else MAX_ROWS
+        shown = [r for k, r in enumerate(fitted) if k < most or r.named or r.in_set]
         rest = len(here) - len(shown)
         more = f"\nOther candidates, screened out or with a smaller reduction: {rest}." if rest else ""
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
-        parts.append(f"candidates, round {number} ({key}):\n{columns(rows, left=(0, 1))}{more}")
-    new = "new exp.: the same with whole experiments held out; " if several > 1 else ""
+        parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{more}")
+        variants += [name for r in shown for name in r.variant.split(", ")]
+    if not parts:
+        return []
+    new = "new exp.: the same with whole experiments held out; " if len(segment.gaps[0].experiments) > 1 else ""
     explained = (
         "removes: reduction of the error above the noise floor, on held-out time blocks; "
         f"{new}< 0 %: the error grows. t: t-statistic of the reduction; (in brackets) its critical value (95 %)."
     )
-    return [*parts, _filled(explained)] if parts else []
+    known = [f"{name}: {words}" for name, words in VARIANT_WORDS.items() if name in variants]
+    legend = [_filled(f"Variants: {'; '.join(known)}.")] if known else []
+    return [*parts, "\n".join([_filled(explained), *legend])]
 
 
-def candidate_title(one: RankedCandidate) -> str:
-    """Name and variant of a candidate."""
-    return f"{one.name} ({one.variant})" if one.variant else one.name
+def _candidate_table(segment: Segment, shown: Sequence[RankedCandidate]) -> str:
+    """Candidates of a round, and why each was not named: beside it, or on narrow terminals below the table."""
+    several = len(segment.gaps[0].experiments)
+    numbers = NUMBERS_WIDTH - (0 if several > 1 else len("  new exp."))
+    wires = [_cut(r.wire.strip(), table_width() - numbers - MIN_TITLE_WIDTH) for r in shown]
+    beside = table_width() - numbers - max(map(len, wires)) - max(len(candidate_title(r)) for r in shown)
+    wide = beside >= MIN_REASON_WIDTH + 2
+    head = [
+        "  candidate",
+        "on",
+        "removes",
+        *["new exp."][: several - 1],
+        f"t ({shown[0].line:.2g})",
+        *["why not"] * wide,
+    ]
+    rows = [
+        [
+            f"{'*' if r.named else '~' if r.in_set else ' '} {candidate_title(r)}",
+            wire,
+            percent(r.share),
+            *[percent(share_across_experiments(r, several))][: several - 1],
+            f"{r.t:.1f}",
+            *[r.why_not] * wide,
+        ]
+        for r, wire in zip(shown, wires, strict=True)
+    ]
+    table = columns([head, *rows], left=(0, 1, len(head) - 1) if wide else (0, 1))
+    return table if wide else "\n".join([table, *_reasons(shown)])
+
+
+def _reasons(shown: Sequence[RankedCandidate]) -> list[str]:
+    """Why candidates were not named, those of one reason together."""
+    found: dict[str, list[str]] = {}
+    for one in shown:
+        if one.why_not and not one.in_set:
+            found.setdefault(one.why_not, []).append(candidate_title(one))
+    texts = [f"{reason}: {', '.join(dict.fromkeys(names))}" for reason, names in found.items()]
+    return ["why not named:", *(_filled(text, "- ", "  ") for text in texts)] if texts else []
 
 
 def share_across_experiments(one: RankedCandidate, experiments: int) -> float:
@@ -201,9 +258,8 @@ def limit_text(one: DetectionLimit) -> str:
     """The smallest detectable size, with its name; empty where the effect is not excited."""
     if one.value is None:
         return ""
-    if one.size_name:
-        return f"{one.size_name} {in_display_units(one.size, one.size_unit)}"
-    return f"{one.parameter.rpartition('.')[2]} {in_display_units(abs(one.value), one.unit)}"
+    name, size, unit = limit_quantity(one)
+    return f"{name} {in_display_units(size, unit)}"
 
 
 def _limits(segment: Segment, several: bool) -> str:

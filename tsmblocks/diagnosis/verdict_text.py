@@ -6,8 +6,8 @@ import numpy as np
 
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
-from tsmblocks.diagnosis.presentation import digits, display_unit, main_sizes, output_traces
-from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, Segment
+from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, floor_text, main_sizes, output_traces
+from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.effects import catalogue
 from tsmblocks.fitting.input_checks import runs_ahead
 
@@ -18,8 +18,8 @@ REMAINING_ERROR_RATIO = 1.1
 MIN_OTHERS, ODD_RATIO = 2, 1.5
 """Number of other experiments at least, and error over the largest of theirs, from which one stands out. Chosen: noise
 of one sensor varies by less."""
-MAX_MEANINGFUL_SHARE = 10.0
-"""Share of the excess above which the excess was too small for a share to have a meaning. Chosen."""
+ALL_SHARE = 0.995
+"""Share from which it is printed as 100 %."""
 
 
 def verdict_sentence(segment: Segment) -> str:
@@ -32,12 +32,12 @@ def verdict_sentence(segment: Segment) -> str:
         also = sorted({name for e in segment.effects for name in e.also_possible})
         possible = f"Also possible: {listed(also, 9) if also else _no_other(segment)}."
         first = "" if segment.complete else "The named effects do not explain the whole residual. "
+        possible += "".join(_other_places(e) for e in segment.effects)
         return f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
     if segment.verdict == "unknown":
-        best = max((r.share for r in segment.ranking if r.fitted and r.round == 1), default=0.0)
         return (
-            f"Unmodelled effect {between} that {_none_tried(segment)}: the best removes "
-            f"{percent(max(best, 0.0))} of the error above the noise floor. {_shape(segment)} {_error(segment)}{ahead}"
+            f"Unmodelled effect {between} that {_none_tried(segment)}: {_best(segment)}. {_shape(segment)} "
+            f"{_error(segment)}{ahead}"
         )
     weak = (
         " There is a small error above the noise floor, too small to name an effect with these data."
@@ -46,6 +46,28 @@ def verdict_sentence(segment: Segment) -> str:
     )
     none = f"No unmodelled effect {between} is detectable with these data."
     return f"{none} {_error(segment)}{_slow_noise(segment) or weak}{_implausible_floor(segment)}"
+
+
+def _best(segment: Segment) -> str:
+    """The candidate that removes most, and why it was not named."""
+    fitted = by_removed(r for r in segment.ranking if r.fitted and r.round == 1)
+    if not fitted or not fitted[0].gain > 0:
+        return "none removes any of the error above the noise floor"
+    first = fitted[0]
+    share, reason = percent(first.share), f" ({first.why_not})" if first.why_not else ""
+    return f"the best, {candidate_title(first)}, removes {share or 'a part'} of the error above the noise floor{reason}"
+
+
+def candidate_title(one: RankedCandidate) -> str:
+    """Name and variant of a candidate."""
+    return f"{one.name} ({one.variant})" if one.variant else one.name
+
+
+def _other_places(effect: NamedEffect) -> str:
+    """A sentence where the same effect explains as much at another insertion point."""
+    if not effect.other_places:
+        return ""
+    return f" The place of {effect.name} is not determined: it explains as much on {listed(effect.other_places, 3)}."
 
 
 def verdict_word(segment: Segment) -> str:
@@ -85,7 +107,7 @@ def _slow_noise(segment: Segment) -> str:
     if gap.given or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
         return ""
     return (
-        f" That is {gap.held_out[0] / gap.noise_floor:.2g} times the noise floor (from {gap.method}), but no recorded "
+        f" That is {gap.held_out[0] / gap.noise_floor:.2g} times the noise floor ({floor_text(gap)}), but no recorded "
         "signal predicts it on held-out data: slow noise of that size and a model error that does not repeat with the "
         "motion are indistinguishable."
     )
@@ -95,7 +117,10 @@ def next_steps(segment: Segment) -> list[str]:
     """Next steps where a residual is not explained, or where noise and a model error are indistinguishable."""
     given = all(gap.given for gap in segment.gaps)
     repeat = "Record the same motion twice: a model error repeats, noise does not."
-    floor = "Give the noise of the sensor (noise_floor), from a recording at rest or from its data sheet."
+    floor = (
+        "Give the noise of the sensor (--noise-floor, in Python noise_floor), from a recording at rest or from its "
+        "data sheet."
+    )
     alone = [] if segment.verdict == "named" and segment.complete else _odd_experiments(segment)
     if segment.verdict == "none":
         return [*alone, *([repeat, *([] if given else [floor])] if _slow_noise(segment) else [])]
@@ -177,28 +202,39 @@ def worst_gap(segment: Segment) -> Gap:
 def _reduction(segment: Segment) -> str:
     gap = worst_gap(segment)
     k, unit = display_unit(gap.unit)
-    share = percent(min(sum(e.share_removed for e in segment.effects), 1.0))
+    share = sum(e.share_removed for e in segment.effects)
     them = "it" if len(segment.effects) == 1 else "them"
-    return (
+    falls = (
         f"With {them}, the error of {gap.output} on held-out data falls from {digits(k * gap.held_out[0])} to "
-        f"{_rms(k * gap.held_out[-1], unit)} (noise floor {digits(k * gap.noise_floor)}), by {share} of "
-        f"the error above the noise floor. {_remaining(segment, gap)}".rstrip()
+        f"{_rms(k * gap.held_out[-1], unit)}"
+    )
+    floor = digits(k * gap.noise_floor)
+    if gap.held_out[-1] < REMAINING_ERROR_RATIO * gap.noise_floor or not gap.noise_floor > 0:
+        return f"{falls} (noise floor {floor}), by {percent(share)} of the error above the noise floor."
+    if segment.complete:
+        return f"{falls}, by {percent(share)} of the error above the noise. {_noise_that_remains(gap)}"
+    by = f", by {percent(share)} of the error above the noise floor" if share < ALL_SHARE else ""
+    return f"{falls} (noise floor {floor}){by}. {_remaining(segment, gap)}"
+
+
+def _noise_that_remains(gap: Gap) -> str:
+    """Why an error above the noise floor counts as noise."""
+    k, unit = display_unit(gap.unit)
+    floor = f"{digits(k * gap.noise_floor)} {unit}".rstrip()
+    ratio = gap.held_out[-1] / gap.noise_floor
+    return (
+        "What remains counts as noise, since no recorded signal predicts it: it may be slow noise. "
+        f"It is {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)})."
     )
 
 
 def _remaining(segment: Segment, gap: Gap) -> str:
-    """A sentence on a residual above the noise floor after all effects."""
-    ratio = gap.held_out[-1] / gap.noise_floor if gap.noise_floor > 0 else 1.0
-    if ratio < REMAINING_ERROR_RATIO:
-        return ""
-    still = f"That is still {ratio:.1f} times the noise floor"
-    if segment.complete:
-        return f"{still}, which may be slow noise: no recorded signal predicts it."
+    """A sentence on a residual above the noise floor that the effects do not explain."""
     searched = any(r.round > len(segment.effects) for r in segment.ranking)
     why = f"that {_none_tried(segment)}" if searched else "that was not examined further"
     share = percent(segment.predictable[1])
     known = "" if segment.irregular else f", though the recorded signals predict {share} of its mean square"
-    return f"{still}: a residual {why}{known}."
+    return f"That is still {gap.held_out[-1] / gap.noise_floor:.1f} times the noise floor: a residual {why}{known}."
 
 
 def _rms(value: float, unit: str) -> str:
@@ -221,10 +257,7 @@ def segments_by_verdict(diagnosis: Diagnosis) -> list[Segment]:
 
 
 def percent(share: float) -> str:
-    """A share in percent; empty where it has no meaning, and only its sign where the error grew.
-
-    At most 100 %: a larger share comes from a noise floor that is too high.
-    """
-    if not np.isfinite(share) or share > MAX_MEANINGFUL_SHARE:
+    """A share in percent, at most 100 %; empty where it has no meaning, and only its sign where the error grew."""
+    if not np.isfinite(share):
         return ""
     return "< 0 %" if share < -0.005 else f"{100 * min(max(share, 0.0), 1.0):z.0f} %"

@@ -178,7 +178,7 @@ GAIN_DRIFT = attrs.evolve(
 )
 LOOP_CHANGE = attrs.evolve(
     GAIN_CHANGE,
-    words="a sudden change of the hysteresis loop",
+    words="a sudden change of the hysteresis",
     block=blocks.LoopChange(),
     null={"change": 0.0, "gain": 0.0},
     free=("change", "gain", "distance", "time"),

@@ -103,7 +103,7 @@ def estimate_cautions(fit: Fit) -> list[str]:
         said.append(
             uncertain.get(name, f"{name} is hardly determined: an interval is wider than the value or its bounds.")
         )
-    said += [f"{name[0].upper()}{name[1:]} holds the result." for name in fit.active]
+    said += [f"The fit ended at {name}: a better one may lie beyond it." for name in fit.active]
     pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= {*u.names} for u in fit.undetermined)]
     strongest: dict[str, float] = {}
     for words, (*_, c) in zip(_gathered([(a, b) for a, b, _ in pairs]), pairs, strict=True):

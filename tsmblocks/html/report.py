@@ -15,9 +15,11 @@ from tsmblocks.diagnosis.presentation import (
     DARKEST,
     Profile,
     by_excess,
+    by_removed,
     digits,
     display_unit,
     fitted_rms,
+    floor_text,
     in_display_units,
     output_traces,
     profile,
@@ -26,16 +28,15 @@ from tsmblocks.diagnosis.presentation import (
 )
 from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment, Trace
 from tsmblocks.diagnosis.script import script_lines
-from tsmblocks.diagnosis.text import (
-    STATUS,
+from tsmblocks.diagnosis.text import STATUS, initial_states_text, limit_text, parameter_rows, share_across_experiments
+from tsmblocks.diagnosis.verdict_text import (
     candidate_title,
-    column_titles,
-    initial_states_text,
-    limit_text,
-    parameter_rows,
-    share_across_experiments,
+    next_steps,
+    percent,
+    segments_by_verdict,
+    verdict_sentence,
+    verdict_word,
 )
-from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence, verdict_word
 from tsmblocks.draw import to_svg
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.html import figures
@@ -46,6 +47,8 @@ MAX_TOTAL_POINTS = 12000
 """Points of one line in all traces together. Chosen: the page stays small."""
 MAX_POINTS, MIN_POINTS = 500, 100
 """Points of one line at most and at least. Chosen."""
+MAX_PARAMETERS = 5
+"""Parameters of a candidate that are listed. Chosen: one with its own in each recording has many."""
 LINE_BREAK = Markup("<br>")
 
 
@@ -93,10 +96,15 @@ def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
 
 def _gap(segment: Segment, gap: Gap, colours: Sequence[tuple[str, str]]) -> Markup:
     k, unit = display_unit(gap.unit)
-    path = [f"{digits(k * v)} ({name})" for v, name in zip(gap.held_out, column_titles(segment), strict=True)]
-    floor = f"noise floor {digits(k * gap.noise_floor)} {unit} ({gap.given or gap.method})"
-    caption = f"{gap.output} ({segment.name}): {' → '.join(path)} {unit}; {floor}."
+    path = [f"{name} {digits(k * v)} {unit}".rstrip() for v, name in zip(gap.held_out, _models(segment), strict=True)]
+    floor = f"Noise floor {digits(k * gap.noise_floor)} {unit}".rstrip() + f" ({floor_text(gap)})"
+    caption = f"Rms error of {gap.output} on validation data: {', '.join(path)}. {floor}."
     return part("figure", figures.gap_bars(segment, gap), caption, [*colours, *figures.OF_BARS])
+
+
+def _models(segment: Segment) -> list[str]:
+    """The models whose errors are compared: the base, and with each effect added."""
+    return ["before" if segment.effects else "the model", *(f"with {e.block}" for e in segment.effects)]
 
 
 def model_colours(segments: Sequence[Segment]) -> list[tuple[str, str]]:
@@ -156,13 +164,13 @@ def profile_figure(curve: Profile, *, explained: bool, quiet: bool) -> Markup:
 def _rounds(segment: Segment, experiments: int) -> Iterator[dict[str, Any]]:
     for number in sorted({r.round for r in segment.ranking}):
         rows = [r for r in segment.ranking if r.round == number]
-        fitted = [r for r in rows if r.fitted]
+        fitted = by_removed(r for r in rows if r.fitted)
         yield {
             "segment": segment.name,
             "number": number,
             "fitted": [_ranked(r, experiments) for r in fitted],
             "kinds": ["named" if r.named else "" for r in fitted],
-            "rest": [(*_where(r), percent(r.share)) for r in rows if not r.fitted],
+            "rest": [(*_where(r), percent(r.share), r.words) for r in rows if not r.fitted],
         }
 
 
@@ -171,13 +179,15 @@ def _ranked(r: RankedCandidate, experiments: int) -> tuple[str, ...]:
     for name, value in r.parameters.items():
         text = Markup("{} {}").format(name, in_display_units(value, r.units.get(name, "")))
         values.append(text + Markup(" <small>at its bound</small>") if name in r.at_bound else text)
-    outcome = "named" if r.named else "indistinguishable from it" if r.in_set else ""
+    outcome = "named" if r.named else r.why_not
     shares = (percent(r.share), percent(share_across_experiments(r, experiments)))
-    return (*_where(r), LINE_BREAK.join(values), *shares, f"{r.t:.1f}", f"{r.line:.1f}", outcome)
+    shown = values if len(values) <= MAX_PARAMETERS + 1 else values[:MAX_PARAMETERS]
+    shown += [Markup("<small>and {} more</small>").format(len(values) - len(shown))] * (len(shown) < len(values))
+    return (*_where(r), *shares, outcome, f"{r.t:.1f}", f"{r.line:.1f}", r.words, LINE_BREAK.join(shown))
 
 
 def _where(r: RankedCandidate) -> tuple[str, ...]:
-    return candidate_title(r), r.family, r.wire.strip()
+    return candidate_title(r), r.wire.strip()
 
 
 def _marked(diagnosis: Diagnosis) -> str:

@@ -48,7 +48,8 @@ def plot_fit(fit: Fit | Differences, ax: Any = None, *, width: float | None = No
         for panel, draw in zip(row, (_history, _residual, _loop, _autocorrelation), strict=True):
             draw(panel, one)
         head(row[0], f"{one.experiment}, {one.output}", weight="bold")
-        head(row[1], _residual_title(one))
+        title = _residual_title(one)  # without the name, which the axis has, where panels are narrow
+        head(row[1], title if len(rows) <= SPACIOUS else title.removeprefix("residual: "))
         head(row[3], "autocorrelation")
     if len(rows) > SPACIOUS and figure.get_figwidth() >= NARROW:
         _name_once(panels)

@@ -34,6 +34,15 @@ def as_diagram(diagram: Diagram, parameters: Mapping[str, Any] | None = None) ->
     return diagram if parameters is None else diagram.with_parameters(parameters)
 
 
+def driven(diagram: Diagram, inputs: Mapping[str, Any] | None, data: Any) -> Mapping[str, Any] | None:
+    """Inputs by name, those that are not given from a recording or a run. Raises DataError for anything else."""
+    if data is None:
+        return inputs
+    if not hasattr(data, "t"):
+        raise DataError(f"data must be a recording or a run with the inputs of the diagram, got {in_words(data)}.")
+    return {**dict.fromkeys(diagram.inputs, data), **as_inputs(inputs)}
+
+
 def as_inputs(inputs: Mapping[str, Any] | None) -> dict[str, Any]:
     """Inputs by name; a column of pandas becomes (times, values). Raises DataError when they are anything else."""
     if inputs is None:

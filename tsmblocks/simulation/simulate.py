@@ -14,7 +14,7 @@ from tsmblocks.engine.events import listed, locating
 from tsmblocks.engine.loops import reports
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import RunOptions, as_diagram, logged_signals
+from tsmblocks.simulation.arguments import RunOptions, as_diagram, driven, logged_signals
 from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
 from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.run import Run
@@ -33,6 +33,7 @@ def simulate(
     start: float = 0.0,
     method: str = "rk4",
     inputs: Mapping[str, Any] | None = None,
+    data: Any = None,
     hold: Hold = AUTO,
     parameters: Mapping[str, Any] | None = None,
     initial: Mapping[str, float] | SavedState | None = None,
@@ -65,6 +66,8 @@ def simulate(
         For each input of the diagram a number, values on the steps, a pair (times in s, values), Samples, a Record or a
         Run (of which the signal of that name is taken, in the unit of the input), a pandas column indexed by time in s,
         or a function of an array of times. Values are in the unit of the input.
+    data : Record or Run, optional
+        A recording, or a run, from which all inputs are taken that ``inputs`` does not have, by their names.
     hold : {"auto", "zero", "linear", "cubic"} or dict of str to these
         Interpolation between samples of the inputs, one for all or by input. By default it is found from the samples:
         zero-order hold where an input is piecewise constant, else linear or a cubic spline.
@@ -135,7 +138,7 @@ def simulate(
     """
     diagram = as_diagram(diagram, parameters)
     begin, h = start_and_step(start, step, initial)
-    times = (options := RunOptions(stop, h, begin, method, inputs, hold, every, backend)).times
+    times = (options := RunOptions(stop, h, begin, method, driven(diagram, inputs, data), hold, every, backend)).times
     as_callback(progress, "the fraction done")
     locate, check_step = as_bool("locate", locate), as_bool("check_step", check_step)
     eq = equations(diagram, loops=loops)

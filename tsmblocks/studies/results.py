@@ -15,7 +15,7 @@ from tsmblocks.common.errors import DataError, RunError, near
 from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.tables import columns as in_columns
 from tsmblocks.common.tables import few, line_width
-from tsmblocks.common.units import heading
+from tsmblocks.common.units import display_unit, heading
 from tsmblocks.common.views import view
 from tsmblocks.metrics.metrics import named
 from tsmblocks.model.diagram import Diagram
@@ -312,7 +312,8 @@ class Results:
         for name in self.metrics:
             best = {k: v for k, v in self._best(name).items() if k in self.parameters}
             where = ", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in best.items())
-            table.append((heading(name, self.units[name]), *(f"{v:.4g}" for v in self.quantiles(name).values()), where))
+            k, unit = display_unit(self.units[name])  # as in the plots
+            table.append((heading(name, unit), *(f"{k * v:.4g}" for v in self.quantiles(name).values()), where))
         return "\n".join([*lines, "", in_columns(table, left=(0, len(QUANTILES) + 1))])
 
     def __repr__(self) -> str:

@@ -1,0 +1,275 @@
+"""What a report says to one who reads it for the first time: reasons, units, places, cautions, noise floors."""
+
+import json
+import re
+
+import attrs
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tests.diagnoses import BACKLASH, DEG, LIMITS, NAMED, NONE, UNKNOWN, diagnosis, ranked
+from tsmblocks.blocks import Play
+from tsmblocks.common.tables import as_wide_as
+from tsmblocks.diagnosis import presentation, verdict_text
+from tsmblocks.diagnosis import text as told
+from tsmblocks.diagnosis.cautions import cautions
+from tsmblocks.diagnosis.model_difference import difference, in_code
+from tsmblocks.diagnosis.residual_location import words_for
+from tsmblocks.diagnosis.result import DetectionLimit, Quantity
+from tsmblocks.diagnosis.script import script_lines
+from tsmblocks.fitting.identifiability import Undetermined
+from tsmblocks.fitting.text import estimate_cautions
+from tsmblocks.html.report import page
+
+ROWS = (
+    ranked("backlash", 0.9, named=True, in_set=True),
+    ranked("hysteresis", 0.9, in_set=True, why_not="indistinguishable"),
+    ranked("resonance", 1.0, variant="parallel", why_not="ends at a bound (zeta)", at_bound=("zeta",)),
+    ranked("jump", 0.3, variant="drive, own sizes and times", why_not="not significant"),
+    ranked("drift", 0.4, variant="own sizes", why_not="not significant"),
+)
+SEEN = attrs.evolve(NAMED, ranking=ROWS)
+
+
+def of(segment):
+    return attrs.evolve(diagnosis(), segments=(segment,))
+
+
+def test_candidates_come_in_the_order_of_what_they_removed_and_those_at_a_bound_are_among_them():
+    with as_wide_as(80):
+        text = str(of(SEEN))
+    (table,) = [part for part in text.split("\n\n") if part.startswith("candidates, round 1")]
+    names = [line[2:].split("  ")[0].strip() for line in table.splitlines()[2:7]]
+    assert names[:4] == ["resonance (parallel)", "backlash", "hysteresis", "drift (own sizes)"]
+    assert names[4] == "jump (drive, own sizes and times)"
+    reasons = table[table.index("why not named:") :].replace("\n  ", " ").splitlines()
+    assert reasons == [
+        "why not named:",
+        "- ends at a bound (zeta): resonance (parallel)",
+        "- not significant: drift (own sizes), jump (drive, own sizes and times)",
+    ]
+
+
+def test_a_wide_terminal_has_the_reasons_in_a_column():
+    with as_wide_as(120):
+        text = str(of(SEEN))
+    (table,) = [part for part in text.split("\n\n") if part.startswith("candidates, round 1")]
+    head, first, *_ = table.splitlines()[1:]
+    assert head.endswith("  why not")
+    assert first.split("  ")[-1] == "ends at a bound (zeta)"
+    assert "why not named:" not in table
+
+
+def test_variants_that_do_not_speak_for_themselves_are_explained_once():
+    with as_wide_as(100):
+        text = str(of(SEEN))
+    (line,) = [part for part in text.split("\n\n") if part.startswith("removes:")]
+    assert " ".join(line.split("Variants: ")[1].split()) == (
+        "own sizes: with a separate size in each recording; own sizes and times: with a separate size at a separate "
+        "instant in each recording; drive: on the signal that drives the plant."
+    )
+    assert "Variants:" not in str(diagnosis())
+
+
+def test_the_page_has_for_every_candidate_its_reason_and_what_it_is():
+    rows = (attrs.evolve(ROWS[0], words="a backlash gap"), *ROWS[1:])
+    text = page(of(attrs.evolve(NAMED, ranking=rows)))
+    table = text[text.index("named, or why not") :].split("</table>")[0]
+    cells = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.DOTALL) for row in table.split("<tr")[1:]]
+    assert [row[4] for row in cells] == [
+        "ends at a bound (zeta)",
+        "named",
+        "indistinguishable",
+        "not significant",
+        "not significant",
+    ]
+    assert cells[1][7] == "a backlash gap"
+
+
+def test_of_many_parameters_the_page_lists_some():
+    values = {f"time@rec{k}": float(k) for k in range(9)}
+    one = ranked("jump", 0.3, parameters=values, why_not="not significant")
+    text = page(of(attrs.evolve(NAMED, ranking=(ROWS[0], one))))
+    assert "time@rec4 4<br><small>and 4 more</small>" in text
+    assert "time@rec5" not in text
+    few = attrs.evolve(one, parameters=dict(list(values.items())[:6]))
+    assert "time@rec5 5</td>" in page(of(attrs.evolve(NAMED, ranking=(ROWS[0], few))))
+
+
+def test_the_best_of_an_unexplained_error_has_its_name_and_its_reason():
+    rows = (ranked("dead_time", 0.24, why_not="not significant"), ranked("lag", 1.0, why_not="ends at a bound (time)"))
+    text = verdict_text.verdict_sentence(attrs.evolve(UNKNOWN, ranking=rows))
+    assert "the best, lag, removes 100 % of the error above the noise floor (ends at a bound (time))." in text
+    worse = attrs.evolve(UNKNOWN, ranking=(ranked("dead_time", -0.1),))
+    assert "does not explain: none removes any of the error above the noise floor." in verdict_text.verdict_sentence(
+        worse
+    )
+
+
+def test_a_place_that_is_not_determined_is_said():
+    effect = attrs.evolve(BACKLASH, also_possible=(), other_places=("x_in -> gain.u",))
+    text = verdict_text.verdict_sentence(attrs.evolve(NAMED, effects=(effect,)))
+    assert text.endswith(" The place of backlash is not determined: it explains as much on x_in -> gain.u.")
+    made = attrs.evolve(diagnosis(), effects=(effect,))
+    assert json.loads(made.to_json())["effects"][0]["other_places"] == ["x_in -> gain.u"]
+
+
+def test_a_noise_floor_is_explained_by_what_it_contains():
+    (gap,) = NAMED.gaps
+    fast = attrs.evolve(gap, method="high frequencies", held_out=(0.52 * DEG, 0.3 * DEG))
+    segment = attrs.evolve(NAMED, gaps=(fast,))
+    assert (
+        "What remains counts as noise, since no recorded signal predicts it: it may be slow noise. It is 3.0 times the "
+        "noise floor of 0.100 deg (from high frequencies: a lower limit, which sees only fast noise)."
+    ) in verdict_text.verdict_sentence(segment)
+    with as_wide_as(100):
+        text = str(of(segment))
+    assert re.search(r"\nnoise floor +0.100\nnoise floor from high frequencies: a lower limit", text)
+    assert "Noise floor 0.100 deg (from high frequencies: a lower limit, which sees only fast noise)." in page(
+        of(segment)
+    )
+    assert presentation.floor_text(gap) == "given"
+    assert presentation.floor_text(attrs.evolve(fast, given="0.1 deg given")) == "0.1 deg given"
+
+
+def test_all_of_an_error_is_not_said_to_be_removed_where_some_of_it_remains():
+    left = attrs.evolve(NAMED.gaps[0], held_out=(0.52 * DEG, 0.17 * DEG))
+    effect = attrs.evolve(BACKLASH, share_removed=1.0)
+    text = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,), complete=False, effects=(effect,)))
+    assert "falls from 0.520 to 0.170 deg rms (noise floor 0.100). That is still 1.7 times the noise floor" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(2980.4, "2980"), (52.01, "52.0"), (1234567.0, "1.23e+06"), (-45678.0, "-45700"), (1e-5, "1.00e-05")],
+)
+def test_numbers_are_written_as_engineers_write_them(value, shown):
+    assert presentation.digits(value) == shown
+
+
+def test_sizes_and_intervals_have_no_powers_of_ten_either():
+    assert presentation.in_display_units(2980.4, "V") == "2980 V"
+    assert presentation.with_interval(Quantity(2980.4, 2640.0, 3320.8, "V")) == "2980 ± 340 V"
+    assert presentation.with_interval(Quantity(2.98e6, 2.64e6, 3.32e6, "V")) == "2.98e+06 ± 3.4e+05 V"
+
+
+def test_detection_limits_in_the_file_are_those_of_the_text_and_have_their_units():
+    kept = diagnosis().to_dict()
+    assert kept["detection_limits"]["backlash"] == pytest.approx(0.02 * DEG, rel=1e-5)
+    assert kept["detection_limit_sizes"] == {
+        "backlash": {"name": "gap width", "value": 0.04, "unit": "deg"},
+        "drift": {"name": "rate", "value": 1e-05, "unit": ""},
+        "coulomb_friction": None,
+    }
+    (limits,) = [s["detection_limits"] for s in kept["segments"]]
+    assert limits["backlash"]["unit"] == "rad"
+    assert told.limit_text(LIMITS[0]) == "gap width 0.04 deg"
+    assert told.limit_text(DetectionLimit("lag", "tau", -0.5, "s", "")) == "tau 0.5 s"
+
+
+def test_the_noise_of_the_sensor_is_asked_for_in_the_words_of_the_command_and_of_python():
+    high = attrs.evolve(NONE.gaps[0], held_out=(0.5 * DEG,), method="high frequencies", given="")
+    steps = verdict_text.next_steps(attrs.evolve(NONE, gaps=(high,)))
+    assert any("(--noise-floor, in Python noise_floor)" in one for one in steps)
+
+
+# ---- cautions on initial states
+
+
+def pieces(count, samples=40):
+    """Short recordings of a lag with noise: their initial states are hardly determined."""
+    rng = np.random.default_rng(0)
+    t = np.arange(samples) * 0.01
+    made = {}
+    for k in range(count):
+        u = np.sin(3 * t + k)
+        y = u + 0.5 * rng.standard_normal(samples)
+        made[f"rec1#{k + 1}"] = tsm.Record(f"rec1#{k + 1}", t, {"u": u, "y": y}, {"u": "1", "y": "1"})
+    return made
+
+
+@pytest.fixture(scope="module")
+def lag_fit():
+    lag = tsm.Diagram(blocks={"lag": tsm.blocks.FirstOrderLag()}, inputs={"u": "lag.u"}, outputs={"y": "lag.y"})
+    return tsm.fit(lag, pieces(6), start_states=True, starts=1)
+
+
+def undetermined(*names):
+    return Undetermined(
+        "combination", names, (1.0,) * len(names), 1e-4, f"{' and '.join(names)} are indistinguishable."
+    )
+
+
+def test_cautions_on_many_initial_states_are_one(lag_fit):
+    lone = attrs.evolve(lag_fit, undetermined=())
+    few = [undetermined(f"lag.value@rec1#{k}", f"lag.value@rec1#{k + 1}") for k in (1, 2)]
+    assert cautions(attrs.evolve(lone, undetermined=tuple(few))) == estimate_cautions(
+        attrs.evolve(lone, undetermined=tuple(few))
+    )
+    mixed = undetermined("lag.time_constant", "lag.value@rec1#5")
+    many = attrs.evolve(lone, undetermined=(*few, mixed), active=("the lower bound of lag.value@rec1#2 (0)",))
+    assert cautions(many) == [
+        "lag.time_constant and some initial states are determined only together.",
+        "lag.value at the start of 4 of the 6 pieces (rec1#5 is piece 5 of rec1) is hardly determined.",
+    ]
+    pairs = tuple(undetermined(f"lag.value@rec1#{k}", f"lag.value@rec1#{k + 1}") for k in (1, 3, 5))
+    (said,) = cautions(attrs.evolve(many, undetermined=pairs))
+    assert said.startswith("lag.value at the start of each of the 6 pieces (rec1#6 is")
+
+
+def test_cautions_on_initial_states_of_whole_recordings_name_these(lag_fit):
+    def renamed(text):
+        return text.replace("rec1#", "run")
+
+    estimates = tuple(attrs.evolve(e, name=renamed(e.name)) for e in lag_fit.estimates)
+    records = {renamed(name): record for name, record in lag_fit.records.items()}
+    vague = tuple(undetermined("lag.value@run1", f"lag.value@run{k}") for k in (2, 3, 4))
+    fit = attrs.evolve(lag_fit, estimates=estimates, records=records, undetermined=vague)
+    assert cautions(fit) == [
+        "lag.value at the start of 4 of the 6 experiments (run1, run2 and 2 more) is hardly determined."
+    ]
+
+
+def test_a_bound_that_was_reached_is_said_in_plain_words(lag_fit):
+    at = attrs.evolve(lag_fit, undetermined=(), active=("the upper bound of lag.time_constant (1)",))
+    assert estimate_cautions(at) == [
+        "The fit ended at the upper bound of lag.time_constant (1): a better one may lie beyond it."
+    ]
+
+
+def test_a_script_has_the_step_without_the_rounding_of_time_stamps():
+    found = diagnosis()
+    rounded = dict.fromkeys(found.simulated.steps, 0.00799999999999912)
+    lines = "\n".join(script_lines(attrs.evolve(found, simulated=attrs.evolve(found.simulated, steps=rounded))))
+    assert ", step=0.008, " in lines
+    rounded["half"] = 0.0040000000000003
+    lines = "\n".join(script_lines(attrs.evolve(found, simulated=attrs.evolve(found.simulated, steps=rounded))))
+    assert "step={'full': 0.008, 'half': 0.004}[name]" in lines
+
+
+def test_initial_states_are_no_changes_to_a_diagram():
+    before = tsm.load("tendon_sheath_play").with_parameters({"play.m": 0.1, "play.half_width": 0.2})
+    after = before.with_parameters({"play.m": 0.3, "play.half_width": 0.25})
+    after = after.insert("gap", Play(half_width=0.1, m=0.05), before="x_out")
+    found = difference(before, after)
+    assert [one.name for one in found.parameters] == ["play.half_width"]
+    assert found.added == {"gap": "Play(half_width=0.1)"}
+    assert in_code(after.blocks["gap"]) == "Play(half_width=0.1, m=0.05)"
+
+
+@pytest.mark.parametrize(
+    ("text", "of_a_motion", "of_a_voltage"),
+    [
+        ("the error depends on the position", "the error depends on the position", "the error depends on u"),
+        ("the error depends on the speed", "the error depends on the speed", "the error depends on the rate of u"),
+        ("position", "position", "u"),
+        ("acceleration", "acceleration", "second derivative of u"),
+        ("with the sign of the direction", "with the sign of the direction", "with the sign of the direction of u"),
+        ("session time", "time", "time"),
+    ],
+)
+def test_coordinates_of_a_voltage_are_not_called_those_of_a_motion(text, of_a_motion, of_a_voltage):
+    assert words_for(text, "u", "deg") == words_for(text, "u", "mm") == words_for(text, "", "") == of_a_motion
+    assert words_for(text, "u", "ticks") == words_for(text, "u", "1") == of_a_motion
+    assert words_for(text, "u", "V") == of_a_voltage

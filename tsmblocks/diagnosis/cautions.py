@@ -1,0 +1,67 @@
+"""Cautions on the parameters of a diagnosed model: those on initial states of many experiments are merged."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from tsmblocks.common.tables import listed
+from tsmblocks.diagnosis.partition import PIECE_SEPARATOR, experiment_of
+from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
+from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.text import estimate_cautions, tangled
+
+MAX_STATE_CAUTIONS = 2
+"""Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
+
+
+def cautions(fit: Fit) -> list[str]:
+    """Cautions on the estimates, a sentence each; many on initial states as one sentence."""
+    every, others = estimate_cautions(fit), _without_states(fit)
+    if len(every) - len(others) <= MAX_STATE_CAUTIONS:
+        return every
+    return [*others, *_on_states(fit)]
+
+
+def _states(fit: Fit) -> set[str]:
+    """Names of the initial states of experiments."""
+    return {e.name for e in fit if e.is_start and "@" in e.name}
+
+
+def _without_states(fit: Fit) -> list[str]:
+    """The cautions on all but initial states."""
+    states = _states(fit)
+    own = np.array([name in states for name in fit.names])
+    covariance = np.where(own[:, None] | own[None, :], 0.0, fit.covariance)
+    undetermined = tuple(u for u in fit.undetermined if states.isdisjoint(u.names))
+    active = tuple(text for text in fit.active if states.isdisjoint(text.split()))
+    return estimate_cautions(attrs.evolve(fit, covariance=covariance, undetermined=undetermined, active=active))
+
+
+def _on_states(fit: Fit) -> list[str]:
+    """What is not known of initial states, in a sentence, and the parameters that only matter together with them."""
+    states = _states(fit)
+    vague = {name for u in fit.undetermined for name in u.names if name in states}
+    vague |= {name for a, b, _ in tangled(fit) for name in (a, b) if name in states}
+    vague |= {name for text in fit.active for name in text.split() if name in states}
+    combined = [u.names for u in fit.undetermined if u.kind not in (NO_INFLUENCE, UNCERTAIN)]
+    mixed = [names for names in combined if not states.isdisjoint(names)]
+    tied = list(dict.fromkeys(name for names in mixed for name in names if name not in states))
+    said = []
+    if tied:
+        said.append(f"{', '.join(tied)} and some initial states are determined only together.")
+    parameters = sorted({name.partition("@")[0] for name in vague})
+    verb = "is" if len(parameters) == 1 else "are"
+    return [*said, f"{listed(parameters)} at the start {_where(fit, vague)} {verb} hardly determined."]
+
+
+def _where(fit: Fit, vague: set[str]) -> str:
+    """``of 33 of the 40 pieces (rec2#10 is piece 10 of rec2)``, or of experiments."""
+    own = sorted({name.partition("@")[2] for name in vague}, key=list(fit.records).index)
+    whole = {name.partition("@")[2] for name in _states(fit)}
+    last = own[-1]
+    if PIECE_SEPARATOR not in last:
+        return f"of {len(own)} of the {len(whole)} experiments ({listed(own, 2)})"
+    number = last.rpartition(PIECE_SEPARATOR)[2]
+    count = f"each of the {len(whole)}" if len(own) == len(whole) else f"{len(own)} of the {len(whole)}"
+    return f"of {count} pieces ({last} is piece {number} of {experiment_of(last)})"

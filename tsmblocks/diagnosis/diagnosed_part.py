@@ -1,0 +1,110 @@
+"""The search for one part of a diagram, with the effects that it accepted: what a result is made from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagnosis.cross_validation import TimeBlocks
+from tsmblocks.diagnosis.decision import FittedCandidate, mean_loss
+from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence, is_material
+from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, attained_noise
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.noise_floor import NoiseFloors
+from tsmblocks.diagnosis.partition import Part, experiment_of
+from tsmblocks.diagnosis.varying_factor import VaryingFactor
+
+UNKNOWN_EXCESS = 0.2
+"""Excess over a given noise floor, or over the largest noise that is plausible where nothing predicts the residual
+[noise variances], from which the verdict is "unknown". Source: set on the prototype's development seeds."""
+
+
+@attrs.frozen(eq=False)
+class DiagnosedPart:
+    """The search for one part of a diagram: its rounds, how many effects are accepted, and the final model."""
+
+    part: Part
+    search: SearchContext
+    floors: NoiseFloors
+    rounds: Sequence[SearchRound]
+    count: int
+    final: Model
+    """The last accepted model, at a step that its intervals cover."""
+    predicted: Evidence
+    """The predictable part of the base's residual."""
+    left: Evidence
+    """The predictable part of the final model's residual."""
+    varying: VaryingFactor | None = None
+    """The coordinate to which the final model's residual is proportional by a factor that varies."""
+
+    @property
+    def blocks(self) -> TimeBlocks:
+        """The time blocks of the search."""
+        return self.search.blocks
+
+    @property
+    def has_several_experiments(self) -> bool:
+        """Whether there is more than one experiment, so that whole ones can be held out."""
+        return len({experiment_of(t.name) for t in self.models[0].setup.experiments}) > 1
+
+    @property
+    def losses(self) -> list[float]:
+        """Held-out loss of the base, and after each accepted effect [noise variances]."""
+        return [mean_loss(one.losses, self.blocks) for one in self.rounds[: self.count + 1]]
+
+    @property
+    def noise_variance(self) -> float:
+        """Mean square of the noise [output noise variances]."""
+        noise = attained_noise(self.rounds[: self.count + 1], self.search)
+        if self.varying is None or not self.varies:
+            return noise
+        return min(noise, (1 - self.varying.share) * self.losses[-1])  # the rest of it is a model error
+
+    @property
+    def is_irregular(self) -> bool:
+        """Whether the last model leaves more than noise may be, and no function of what was recorded."""
+        large = self.losses[-1] > (1 + UNKNOWN_EXCESS) * self.largest_noise or self.varies
+        return large and not self.leaves_predictable
+
+    @property
+    def varies(self) -> bool:
+        """Whether what the last model leaves is proportional to the motion by a factor that varies, materially."""
+        return self.varying is not None and self.varying.material and not self._is_within_given_noise
+
+    @property
+    def _is_within_given_noise(self) -> bool:
+        """Whether the last model leaves no more than the noise that the user gave."""
+        noise = self.search.noise
+        return noise.is_given and self.losses[-1] <= (1 + UNKNOWN_EXCESS) * noise.low
+
+    @property
+    def largest_noise(self) -> float:
+        """The largest mean square of noise that is plausible in the residual of the last model [noise variances]."""
+        last = self.rounds[self.count]
+        return self.search.noise.largest(float(np.median(last.losses)))
+
+    @property
+    def leaves_predictable(self) -> bool:
+        """Whether what the last model leaves is predicted, and material beside the noise."""
+        if self._is_within_given_noise:
+            return False
+        material = self.left.material and self.left.predicted >= MIN_PREDICTED_EXCESS * self.search.noise.low
+        return material or is_material(self.rejected_share)
+
+    @property
+    def rejected_share(self) -> float:
+        """Share of the base's mean square that the best effect removes, where it removes too little to be accepted."""
+        rejected = None if self.count else self.rounds[0].verdict.named
+        return 0.0 if rejected is None else max(1 - rejected.loss / self.losses[0], 0.0)
+
+    @property
+    def models(self) -> list[Model]:
+        """The base, and the model after each accepted effect."""
+        return [*(one.base for one in self.rounds[: self.count]), self.final]
+
+    @property
+    def named(self) -> list[FittedCandidate]:
+        """The accepted effects."""
+        return [one.verdict.named for one in self.rounds[: self.count] if one.verdict.named is not None]

@@ -1,0 +1,89 @@
+"""The candidates of a diagnosis, round by round: what each removed, and why it was not named."""
+
+from __future__ import annotations
+
+import attrs
+
+from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss
+from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
+from tsmblocks.diagnosis.forward_selection import SearchRound
+from tsmblocks.diagnosis.rejection import why_not
+from tsmblocks.diagnosis.result import RankedCandidate
+
+MAX_MEANINGFUL_SHARE = 10.0
+"""Share of the excess above which the excess was too small for a share to have a meaning. Chosen."""
+
+
+def ranking(diagnosed: DiagnosedPart) -> tuple[RankedCandidate, ...]:
+    """Every candidate of every accepted round, and of the one after."""
+    result: list[RankedCandidate] = []
+    for number, one in enumerate((r.most_complete for r in diagnosed.rounds[: diagnosed.count + 1]), 1):
+        fitted = {tried.candidate.key for tried in one.verdict.ranking}
+        result += [
+            _fitted_row(diagnosed, number, one, tried, float(t))
+            for tried, t in zip(one.verdict.ranking, one.verdict.t, strict=True)
+        ]
+        result += [
+            _row(diagnosed, number, one, score.candidate, score.gain / len(one.base.r))
+            for score in one.screening_scores
+            if score.candidate.key not in fitted
+        ]
+    return tuple(result)
+
+
+def _fitted_row(
+    diagnosed: DiagnosedPart, number: int, searched: SearchRound, one: FittedCandidate, t: float
+) -> RankedCandidate:
+    """A candidate that was fitted."""
+    verdict, blocks, block = searched.verdict, diagnosed.blocks, one.candidate.block
+    items = {
+        item.name.removeprefix(f"{block}."): item
+        for item in one.model.problem.unknowns.items
+        if item.parameter in one.candidate.free
+    }
+    added = verdict.named is not None and number <= diagnosed.count
+    across = mean_loss(searched.experiment_losses, blocks)
+    several = diagnosed.has_several_experiments
+    removed = across - mean_loss(one.experiment_losses, blocks) if several else float("nan")
+    return attrs.evolve(
+        _row(diagnosed, number, searched, one.candidate, mean_loss(searched.losses, blocks) - one.loss),
+        across=removed,
+        new=share_above_noise(removed, across, diagnosed),
+        t=t,
+        in_set=added and one in verdict.indistinguishable,
+        named=added and one is verdict.named,
+        fitted=True,
+        at_bound=one.at_bounds,
+        why_not=why_not(diagnosed, number, searched, one, t),
+        parameters={name: one.model.values[item.name] for name, item in items.items()},
+        units={name: item.unit for name, item in items.items()},
+    )
+
+
+def _row(
+    diagnosed: DiagnosedPart, number: int, searched: SearchRound, candidate: Candidate, gain: float
+) -> RankedCandidate:
+    """A candidate as it was screened."""
+    return RankedCandidate(
+        number,
+        diagnosed.part.name,
+        candidate.effect.name,
+        candidate.effect.variant,
+        candidate.effect.family,
+        candidate.point.words(searched.base.diagram),
+        gain,
+        share_above_noise(gain, mean_loss(searched.losses, diagnosed.blocks), diagnosed),
+        line=searched.verdict.critical_value,
+        words=candidate.effect.words,
+    )
+
+
+def share_above_noise(gain: float, loss: float, diagnosed: DiagnosedPart) -> float:
+    """A gain over the loss above the noise, at most 1: noise that is overestimated leaves less to remove.
+
+    NaN where so little of the loss is above the noise that a share of it has no meaning.
+    """
+    noise = diagnosed.noise_variance
+    share = gain / max(loss - noise, MIN_VARIANCE_REDUCTION * noise)
+    return float("nan") if share > MAX_MEANINGFUL_SHARE else min(share, 1.0)

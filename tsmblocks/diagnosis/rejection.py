@@ -1,0 +1,90 @@
+"""Why a candidate that was fitted was not named, in a few words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsmblocks.common.tables import listed
+from tsmblocks.diagnosis.decision import (
+    INDISTINGUISHABLE_NOISE_SHARE,
+    MIN_EXCESS,
+    MIN_VARIANCE_REDUCTION,
+    FittedCandidate,
+    mean_loss,
+)
+from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
+from tsmblocks.diagnosis.forward_selection import MIN_EXCESS_SHARE, SearchRound
+
+INDISTINGUISHABLE = "indistinguishable"
+NO_BETTER = "no better on held-out data"
+NOT_SIGNIFICANT = "not significant"
+NO_EXCESS = "the error is within the noise"
+TOO_LITTLE = "removes too little"
+LEAVES_MORE = "leaves more error"
+MORE_GENERAL = "more general, no better"
+STANDS_IN = "stands in for another effect"
+NOT_ACCEPTED = "too little beside those named"
+
+
+def why_not(diagnosed: DiagnosedPart, number: int, searched: SearchRound, one: FittedCandidate, t: float) -> str:
+    """Why a fitted candidate of round ``number``, with t-statistic ``t``, was not named; empty for the one named."""
+    verdict, accepted = searched.verdict, number <= diagnosed.count
+    if accepted and one is verdict.named:
+        return ""
+    if accepted and one in verdict.indistinguishable:
+        return INDISTINGUISHABLE
+    if one.loss >= mean_loss(searched.losses, diagnosed.blocks):
+        return NO_BETTER
+    return (
+        _unfit(one)
+        or _unconvincing(diagnosed, searched, one, t)
+        or (_beside_named(diagnosed, one, verdict.named) if accepted else _not_accepted(diagnosed, searched, one))
+    )
+
+
+def _unfit(one: FittedCandidate) -> str:
+    """Why a candidate may not be named, however much it removes."""
+    if one.disqualifying_bounds:
+        return f"ends at a bound ({listed(one.disqualifying_bounds, 2)})"
+    return one.untenable
+
+
+def _unconvincing(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCandidate, t: float) -> str:
+    """Why held-out data do not support a candidate."""
+    before, noise = mean_loss(searched.losses, diagnosed.blocks), _noise_variance(diagnosed, searched)
+    if t <= searched.verdict.critical_value:
+        return NOT_SIGNIFICANT
+    if before < (1 + MIN_EXCESS) * noise:
+        return NO_EXCESS
+    return TOO_LITTLE if before - one.loss < MIN_VARIANCE_REDUCTION * noise else ""
+
+
+def _beside_named(diagnosed: DiagnosedPart, one: FittedCandidate, named: FittedCandidate | None) -> str:
+    """Why the candidate of an accepted round was named and not this one."""
+    if named is None or one.loss > named.loss + INDISTINGUISHABLE_NOISE_SHARE * diagnosed.noise_variance:
+        return LEAVES_MORE
+    general = named.candidate.effect.name in one.candidate.effect.contains
+    more = one.parameter_count > named.parameter_count
+    return MORE_GENERAL if general or more else LEAVES_MORE
+
+
+def _not_accepted(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCandidate) -> str:
+    """Why a round with a convincing candidate added no effect."""
+    best = searched.verdict.named
+    if best is None:
+        return NOT_ACCEPTED
+    if one is not best and one.loss > best.loss:
+        return LEAVES_MORE
+    if np.isfinite(searched.verdict.out_of_bounds_loss):
+        return "another, at a bound, leaves less"
+    before = mean_loss(searched.losses, diagnosed.blocks)
+    share = (before - one.loss) / max(before - diagnosed.noise_variance, 1e-12)
+    if diagnosed.count:
+        return NOT_ACCEPTED
+    return STANDS_IN if share >= MIN_EXCESS_SHARE else TOO_LITTLE
+
+
+def _noise_variance(diagnosed: DiagnosedPart, searched: SearchRound) -> float:
+    """Mean square of the noise that the decision of a round assumed: no more than its best candidate leaves."""
+    losses = [one.loss for one in searched.verdict.ranking if one.tenable and np.isfinite(one.loss)]
+    return diagnosed.search.noise.least(min(losses, default=np.inf))
