@@ -174,7 +174,8 @@ def weighted(given: Sequence[Stretch]) -> Weighted:
     )
     if share < MIN_SLOPE_SHARE or min(len(s.x) for s in stretches) < 8:
         return flat
-    bent = _fitted([_less_slope(s) for s in stretches], slope=True)
+    less = [attrs.evolve(s, x=s.x - q * (q @ s.x)) for q, s in zip(line, stretches, strict=True)]
+    bent = _fitted(less, slope=True)
     caused = np.sum(
         [_of_slopes(s, bent.times) for s in stretches], axis=0
     )  # variances of the slopes over that of the noise
@@ -182,18 +183,6 @@ def weighted(given: Sequence[Stretch]) -> Weighted:
     expected = bent.mean(noise * ((1 - SHARES) * len(stretches) + SHARES * caused[:, None]))
     found = sum((q @ s.x) ** 2 for q, s in zip(line, stretches, strict=True))
     return bent if found > DRIFT_VARIANCES * expected else flat
-
-
-def weighted_without_slopes(given: Sequence[Stretch]) -> Weighted:
-    """All models, weighted by their likelihood for stretches less the straight line that fits each best."""
-    stretches = [s.cut(k, k + MAX_SAMPLES) for s in given for k in range(0, len(s.x), MAX_SAMPLES)]
-    stretches = [s for s in stretches if len(s.x) >= MIN_SAMPLES] or list(given)
-    return _fitted([_less_slope(s) for s in stretches], slope=True)
-
-
-def _less_slope(s: Stretch) -> Stretch:
-    q = _slope(s)
-    return attrs.evolve(s, x=s.x - q * (q @ s.x))
 
 
 def mean_square(stretches: Sequence[Stretch]) -> float:

@@ -41,7 +41,7 @@ from tsmblocks.diagnosis.model import (
 )
 from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
-from tsmblocks.diagnosis.oscillation import follows_motion
+from tsmblocks.diagnosis.oscillation import follows_motion, repeats_another
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, ScreeningScore, screening_score
 from tsmblocks.diagnosis.surrogates import surrogates
@@ -168,6 +168,8 @@ def search_round(
             untenable = "noise alone can remove as much"
         elif follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
             untenable = "its frequency is that of the motion"
+        elif repeats_another(m, score.candidate):
+            untenable = "the same oscillation again"
         elif filters_noise(m, score.candidate, search.input_noise):
             untenable = "removes noise of the input only"
         found = fitted_candidate(score.candidate, m, search.blocks, shrinkage, untenable)

@@ -1,4 +1,4 @@
-"""Oscillations at a harmonic of the motion, which are no independent disturbance."""
+"""Oscillations that are no effect in addition: at a harmonic of the motion, or as another one in the model."""
 
 from __future__ import annotations
 
@@ -25,6 +25,26 @@ def follows_motion(model: Model, candidate: Candidate) -> bool:
     own = [v for item, v in unknowns if item.parameter in candidate.free and item.parameter.endswith(".frequency")]
     harmonics = range(1, MAX_HARMONIC + 1)
     return any(_is_harmonic(model, name, f, k) for f in own for k in harmonics for name in model.diagram.inputs)
+
+
+def repeats_another(model: Model, candidate: Candidate) -> bool:
+    """Whether an effect's oscillation is one with that of another block of its kind in the model.
+
+    It is where both stay within half a period of one another, over the time of the recordings or over the range of the
+    signal: together they are one oscillation of another amplitude.
+    """
+    kind, scales = type(candidate.diagram.blocks[candidate.block]), candidate.scales
+    spans = {"frequency": max(float(np.ptp(one.record.t)) for one in model.setup.experiments)}
+    if scales is not None:
+        spans["cycles"] = 2 * scales.wire.reach / (2 * np.pi)
+    own, others = list[tuple[str, float]](), list[tuple[str, float]]()
+    for item, value in zip(model.problem.unknowns.items, model.theta.tolist(), strict=True):
+        block, _, name = item.parameter.rpartition(".")
+        if name in spans and block == candidate.block:
+            own.append((name, value))
+        elif name in spans and block in candidate.diagram.blocks and type(candidate.diagram.blocks[block]) is kind:
+            others.append((name, value))
+    return any(n == m and abs(abs(f) - abs(g)) * spans[n] < 0.5 for n, f in own for m, g in others)
 
 
 def _is_harmonic(model: Model, name: str, frequency: float, k: int) -> bool:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tsmblocks.data.slow_noise import SHARES, Stretch, weighted_without_slopes
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import rows_of_experiments
 from tsmblocks.fitting.column_space import ColumnSpace
@@ -22,6 +21,18 @@ MIN_STRETCHES = 20
 FOLDS = 5
 """Groups of stretches that are held out in turn. Source: Hastie et al., The Elements of Statistical Learning (2009),
 7.10: five or ten."""
+BAND_RATIO = 1.5
+"""Ratio of the ends of a band of the spectrum. Chosen: noise changes little within one."""
+FIRST_CYCLES = 1.5
+"""Cycles in an experiment from which its spectrum counts. Derived: the main lobe of a Hann window reaches to 2."""
+HANN_BANDWIDTH = 1.94
+"""Values of a spectrum in a Hann window with the information of one. Source: Percival and Walden, Spectral Analysis for
+Physical Applications (1993), 6.3."""
+SLOPE_BANDS = 5
+"""Lowest bands that the slope is fitted to. Chosen: nearly a decade."""
+LONGER = 4
+"""Length of the noise that a surrogate is cut out of, over its own. Chosen: the lowest frequency is far below one
+cycle."""
 COLUMNS_AT_A_TIME = 16
 """Surrogates projected at a time. Chosen: for memory."""
 
@@ -50,33 +61,57 @@ def rolled(r: np.ndarray, draws: int, draw: np.random.Generator) -> np.ndarray:
 def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.random.Generator) -> list[np.ndarray]:
     """Noise like the residuals (n,) of some experiments, each of shape (n, draws) and with the same sums of squares.
 
-    Its model is white noise beside slow noise, known as far as the residuals without their slopes tell: each draw has
-    the model of another one of its posterior. Phases drawn for the spectrum of a residual would not do: where noise is
-    so slow that a recording does not end near to where it began, all surrogates return and the residual does not.
+    Its spectrum is theirs, smoothed over bands, of which each draw has another one of the posterior; below the lowest
+    band its slope continues. It is cut out of longer noise: surrogates that are periodic, as those with the phases of a
+    residual drawn anew are, return to where they began, and slow noise does not.
     """
-    sizes = [max(float(np.std(r)), 1e-300) for r in parts]
-    model = weighted_without_slopes([Stretch(r / size, step) for r, size in zip(parts, sizes, strict=True)])
-    drawn = draw.choice(model.weights.size, size=draws, p=model.weights.ravel() / model.weights.sum())
-    times, shares = model.times[drawn // len(SHARES)], SHARES[drawn % len(SHARES)]
+    frequency, power, freedom = _bands(parts, step)
+    levels = np.log(power * freedom / draw.chisquare(freedom, (draws, len(power))))
+    slope = _lowest_slope(frequency, power)
     noise = []
     for r in parts:
-        white = draw.standard_normal((len(r), draws))
-        slow = sum(_first_order(len(r), step / some, draw) for some in times.T) / np.sqrt(times.shape[1])
-        one = np.sqrt(1 - shares) * white + np.sqrt(shares) * slow
+        f = np.log(np.fft.rfftfreq(LONGER * len(r), step)[1:])
+        below = slope * np.minimum(f - np.log(frequency[0]), 0.0)
+        one = np.empty((len(r), draws))
+        for k, level in enumerate(levels):
+            amplitude = np.exp((np.interp(f, np.log(frequency), level) + below) / 2)
+            phased = amplitude * (draw.standard_normal(len(f)) + 1j * draw.standard_normal(len(f)))
+            one[:, k] = np.fft.irfft(np.append(0.0, phased), LONGER * len(r))[: len(r)]
         one -= one.mean(axis=0)
         noise.append(one * np.sqrt(square(r) / np.maximum(np.einsum("ij,ij->j", one, one), 1e-300)))
     return noise
 
 
-def _first_order(n: int, rates: np.ndarray, draw: np.random.Generator) -> np.ndarray:
-    """First-order noise of variance 1 with these rates [1 / step], shape (n, draws)."""
-    from scipy.signal import lfilter
+def _bands(parts: Sequence[np.ndarray], step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middles of bands [Hz], the mean power density in each relative to the variance, and its degrees of freedom.
 
-    noise, kept = draw.standard_normal((n, len(rates))), np.exp(-rates)
-    noise[1:] *= np.sqrt(1 - kept**2)
-    for column, a in zip(noise.T, kept, strict=True):
-        column[:] = lfilter([1.0], [1.0, -a], column)
-    return noise
+    Each residual counts less its straight line, in a Hann window, without which power of slow noise leaks.
+    """
+    longest = step * max(len(r) for r in parts)
+    count = max(3, int(np.log(longest / (2 * FIRST_CYCLES * step)) / np.log(BAND_RATIO)))
+    edges = np.geomspace(FIRST_CYCLES / longest, 0.5 / step * (1 + 1e-9), count + 1)
+    total, number = np.zeros(count), np.zeros(count)
+    for r in parts:
+        n = len(r)
+        line, window = np.linspace(-1.0, 1.0, n), np.hanning(n)
+        x = r - r.mean() - line * (line @ r) / (line @ line)
+        power = np.abs(np.fft.rfft(window * x)) ** 2 / max(square(window) * square(x) / n, 1e-300)
+        band = np.searchsorted(edges, np.arange(len(power)) / (n * step), side="right") - 1
+        kept = (np.arange(len(power)) > FIRST_CYCLES) & (band >= 0) & (band < count)
+        np.add.at(total, band[kept], power[kept])
+        np.add.at(number, band[kept], 1.0)
+    seen = (number > 0) & (total > 0)
+    if not seen.any():
+        return np.array([1.0]), np.array([1.0]), np.array([1.0])
+    middles = np.sqrt(edges[:-1] * edges[1:])
+    return middles[seen], total[seen] / number[seen], np.maximum(2 * number[seen] / HANN_BANDWIDTH, 1.0)
+
+
+def _lowest_slope(frequency: np.ndarray, power: np.ndarray) -> float:
+    """Slope of the spectrum at its low end in logarithms: from 0 of white noise to -2 of a random walk."""
+    f, p = np.log(frequency[:SLOPE_BANDS]), np.log(power[:SLOPE_BANDS])
+    f = f - f.mean()
+    return float(np.clip(f @ p / max(float(f @ f), 1e-300), -2.0, 0.0))
 
 
 def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_time: bool) -> np.ndarray:
