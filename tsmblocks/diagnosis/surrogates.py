@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.noise_floor import BURST_RATIO
 from tsmblocks.diagnosis.partition import rows_of_experiments
 from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import square
@@ -61,6 +62,8 @@ def rolled(r: np.ndarray, draws: int, draw: np.random.Generator) -> np.ndarray:
 def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.random.Generator) -> list[np.ndarray]:
     """Noise like the residuals (n,) of some experiments, each of shape (n, draws) and with the same sums of squares.
 
+    A residual that is much larger than those of other experiments is not taken for noise whole.
+
     Its spectrum is theirs, smoothed over bands, of which each draw has another one of the posterior; below the lowest
     band its slope continues. It is cut out of longer noise: surrogates that are periodic, as those with the phases of a
     residual drawn anew are, return to where they began, and slow noise does not.
@@ -68,6 +71,7 @@ def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.ra
     frequency, power, freedom = _bands(parts, step)
     levels = np.log(power * freedom / draw.chisquare(freedom, (draws, len(power))))
     slope = _lowest_slope(frequency, power)
+    largest = BURST_RATIO * float(np.median([square(r) / len(r) for r in parts]))
     noise = []
     for r in parts:
         f = np.log(np.fft.rfftfreq(LONGER * len(r), step)[1:])
@@ -78,7 +82,9 @@ def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.ra
             phased = amplitude * (draw.standard_normal(len(f)) + 1j * draw.standard_normal(len(f)))
             one[:, k] = np.fft.irfft(np.append(0.0, phased), LONGER * len(r))[: len(r)]
         one -= one.mean(axis=0)
-        noise.append(one * np.sqrt(square(r) / np.maximum(np.einsum("ij,ij->j", one, one), 1e-300)))
+        noise.append(
+            one * np.sqrt(min(square(r), largest * len(r)) / np.maximum(np.einsum("ij,ij->j", one, one), 1e-300))
+        )
     return noise
 
 
