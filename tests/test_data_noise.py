@@ -90,6 +90,22 @@ def test_tones_that_come_nearly_back_make_no_period():
     assert (got.method, got.floor) == ("high frequencies", pytest.approx(0.063, rel=0.06))
 
 
+def test_what_differs_between_near_periods_is_motion_though_noise_is_larger():
+    """The input explains four tenths of the differences; an effect such as friction may respond more to it."""
+    rng = np.random.default_rng(4)
+    t = T[:4000]
+    u = 45 * np.sin(0.4 * np.pi * t) + 12 * np.sin(0.938 * np.pi * t) + rng.normal(0, 0.02, len(t))
+    got = noise(record(t, u=u, y=0.9 * u + rng.normal(0, 2.5, len(t))), "y", inputs="u")
+    assert (got.method, got.floor) == ("high frequencies", pytest.approx(2.5, rel=0.06))
+
+
+def test_an_input_that_repeats_after_a_transient_has_periods():
+    """What the input does in the first period alone is left out with the transient of the signal."""
+    x, start = periodic(T[:1000], 4.9), np.exp(-T[:1000] / 0.5)
+    got = noise(record(T[:1000], u=x + 0.1 * start, y=x + start + white(0.02, 1000)), "y", inputs="u")
+    assert (got.method, got.floor) == ("repeated periods", pytest.approx(0.02, rel=0.25))
+
+
 def test_noise_of_the_input_itself_contradicts_no_period():
     rng = np.random.default_rng(4)
     x = periodic(T, 10.0)

@@ -8,6 +8,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Play
 from tsmblocks.diagnosis.insertion_points import insertion_points
+from tsmblocks.diagnosis.noise_floor import NoiseFloors, doubtful_floors
 
 SLOW_NEEDS = ["diagnosis", "diagrams/tendon_sheath_symmetric.toml"]
 DEG = np.pi / 180
@@ -117,6 +118,19 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
         "the noise floor of x_out found in repeated periods (1.16 deg) is above the residual of the base "
         "(0.355 deg rms); 0.0621 deg of fast noise is used instead."
     )
+
+
+def test_a_floor_above_what_the_final_model_leaves_is_doubted():
+    diagram = tsm.load("tendon_sheath_linear")
+    sigma = {"x_out": 1.2 * DEG}
+    found_in = NoiseFloors(sigma, {"x_out": "repeated periods"})
+    assert doubtful_floors(found_in, {"x_out": 0.8}, diagram) == [
+        "the noise floor of x_out found in repeated periods (1.2 deg) is above the residual of the final model "
+        "(0.96 deg rms), so it is too high, and small effects may be missed. Give the noise if you know it."
+    ]
+    assert doubtful_floors(found_in, {"x_out": 0.95}, diagram) == []
+    for method in ("given", "high frequencies"):
+        assert doubtful_floors(NoiseFloors(sigma, {"x_out": method}), {"x_out": 0.5}, diagram) == []
 
 
 def test_wires_in_front_of_blocks_that_were_named_are_places_too():

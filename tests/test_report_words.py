@@ -111,6 +111,11 @@ def test_a_place_that_is_not_determined_is_said():
     effect = attrs.evolve(BACKLASH, also_possible=(), other_places=("x_in -> gain.u",))
     text = verdict_text.verdict_sentence(attrs.evolve(NAMED, effects=(effect,)))
     assert text.endswith(" The place of backlash is not determined: it explains as much on x_in -> gain.u.")
+    both = (effect, attrs.evolve(effect, block="backlash_2"))
+    text = verdict_text.verdict_sentence(attrs.evolve(NAMED, effects=both))
+    assert text.endswith(
+        f" The places of {effect.block} and backlash_2 are not determined: they explain as much on other wires."
+    )
     made = attrs.evolve(diagnosis(), effects=(effect,))
     assert json.loads(made.to_json())["effects"][0]["other_places"] == ["x_in -> gain.u"]
 

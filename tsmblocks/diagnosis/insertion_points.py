@@ -72,6 +72,11 @@ class InsertionPoint:
         """The key of the wire, and of the signals that a block there changes."""
         return self.place, self.after, self.before, self.other, self.adds
 
+    def is_in(self, diagram: Diagram) -> bool:
+        """Whether it is on a wire of a diagram, and not beside a block that this one does not have."""
+        ends = [end.rpartition(".")[0] for end in (self.signal, self.before) if "." in end]
+        return all(block.partition(".")[0] in diagram.blocks for block in ends)
+
     def words(self, diagram: Diagram) -> str:
         """The wire in wire notation, as it was before."""
         if self.before:

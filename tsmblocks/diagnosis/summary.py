@@ -100,13 +100,9 @@ def _named(
         across = min(_share_removed(whole_losses, k, diagnosed.noise_variance), 1.0)
     also = dict.fromkeys(one.candidate.effect.name for one in indistinguishable)
     before = _with_effects(diagnosed, k, whole_diagram)
-    _, *elsewhere = dict.fromkeys(
-        in_whole_diagram(one.point, diagnosed.part).words(before).strip()
-        for one in (
-            candidate,
-            *(other.candidate for other in indistinguishable if other.candidate.effect.name == effect.name),
-        )
-    )
+    same_name = [one.candidate for one in indistinguishable if one.candidate.effect.name == effect.name]
+    points = [in_whole_diagram(one.point, diagnosed.part) for one in (candidate, *same_name)]
+    _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
     return NamedEffect(

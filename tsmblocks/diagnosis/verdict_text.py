@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tsmblocks.common.tables import listed
@@ -32,7 +34,7 @@ def verdict_sentence(segment: Segment) -> str:
         also = sorted({name for e in segment.effects for name in e.also_possible})
         possible = f"Also possible: {listed(also, 9) if also else _no_other(segment)}."
         first = "" if segment.complete else "The named effects do not explain the whole residual. "
-        possible += "".join(_other_places(e) for e in segment.effects)
+        possible += _other_places(segment.effects)
         return f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
     if segment.verdict == "unknown":
         return (
@@ -63,11 +65,16 @@ def candidate_title(one: RankedCandidate) -> str:
     return f"{one.name} ({one.variant})" if one.variant else one.name
 
 
-def _other_places(effect: NamedEffect) -> str:
-    """A sentence where the same effect explains as much at another insertion point."""
-    if not effect.other_places:
+def _other_places(effects: Sequence[NamedEffect]) -> str:
+    """A sentence where some effects explain as much at another insertion point."""
+    some = [e for e in effects if e.other_places]
+    if not some:
         return ""
-    return f" The place of {effect.name} is not determined: it explains as much on {listed(effect.other_places, 3)}."
+    if len(some) > 1:
+        names = listed([e.block for e in some], len(some))
+        return f" The places of {names} are not determined: they explain as much on other wires."
+    (one,) = some
+    return f" The place of {one.name} is not determined: it explains as much on {listed(one.other_places, 3)}."
 
 
 def verdict_word(segment: Segment) -> str:
