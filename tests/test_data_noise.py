@@ -102,7 +102,7 @@ def test_what_differs_between_near_periods_is_motion_though_noise_is_larger():
 def test_an_input_that_repeats_after_a_transient_has_periods():
     """What the input does in the first period alone is left out with the transient of the signal."""
     x, start = periodic(T[:1000], 4.9), np.exp(-T[:1000] / 0.5)
-    got = noise(record(T[:1000], u=x + 0.1 * start, y=x + start + white(0.02, 1000)), "y", inputs="u")
+    got = noise(record(T[:1000], u=x + 0.05 * start, y=x + start + white(0.02, 1000)), "y", inputs="u")
     assert (got.method, got.floor) == ("repeated periods", pytest.approx(0.02, rel=0.25))
 
 
