@@ -26,6 +26,8 @@ BAND_RATIO = 1.5
 """Ratio of the ends of a band of the spectrum. Chosen: noise changes little within one."""
 FIRST_CYCLES = 1.5
 """Cycles in an experiment from which its spectrum counts. Derived: the main lobe of a Hann window reaches to 2."""
+MIN_VALUES = 8
+"""Values of the spectrum in a band at least. Chosen: nothing stands out from the uncertain power of fewer."""
 HANN_BANDWIDTH = 1.94
 """Values of a spectrum in a Hann window with the information of one. Source: Percival and Walden, Spectral Analysis for
 Physical Applications (1993), 6.3."""
@@ -106,11 +108,13 @@ def _bands(parts: Sequence[np.ndarray], step: float) -> tuple[np.ndarray, np.nda
         kept = (np.arange(len(power)) > FIRST_CYCLES) & (band >= 0) & (band < count)
         np.add.at(total, band[kept], power[kept])
         np.add.at(number, band[kept], 1.0)
-    seen = (number > 0) & (total > 0)
-    if not seen.any():
-        return np.array([1.0]), np.array([1.0]), np.array([1.0])
-    middles = np.sqrt(edges[:-1] * edges[1:])
-    return middles[seen], total[seen] / number[seen], np.maximum(2 * number[seen] / HANN_BANDWIDTH, 1.0)
+    joined = np.minimum((np.cumsum(number) - number) // MIN_VALUES, max(number.sum() // MIN_VALUES - 1, 0))
+    first = np.unique(joined, return_index=True)[1]  # bands of few values are taken together
+    logs = np.log(np.sqrt(edges[:-1] * edges[1:]))
+    values, powers, places = (np.add.reduceat(one, first) for one in (number, total, number * logs))
+    if not np.all((values > 0) & (powers > 0)):
+        return np.ones(1), np.ones(1), np.ones(1)
+    return np.exp(places / values), powers / values, np.maximum(2 * values / HANN_BANDWIDTH, 1.0)
 
 
 def _lowest_slope(frequency: np.ndarray, power: np.ndarray) -> float:
