@@ -93,4 +93,6 @@ if len(sys.argv) > 1:
         left.set_title(f"{signal}, generalized model", loc="left", fontsize=11)
         for model in MODELS:
             plot_loop(*loops[model, signal], right, unit="deg", label=model)
+        left.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False)
+        right.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False, columnspacing=1, handlelength=1)
     figure.savefig(folder / "figs_3_5_6.png")

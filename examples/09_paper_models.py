@@ -21,7 +21,7 @@ def measured(name, size, tones):
     """Readings of the encoders at both ends; the input, whose rate drives the model, is filtered with zero phase."""
     sizes, phases = [np.deg2rad(size)] * len(tones), [0.0] * len(tones)
     driven = bench.replace("motor", MultiSine(amplitudes=sizes, frequencies=tones, phases=phases, unit="rad"))
-    return tsm.simulate(driven, stop=20.0, step=2e-3).record(name=name).filtered("x_in", cutoff=10.0)
+    return tsm.simulate(driven, stop=20.0, step=2e-3, locate=True).record(name=name).filtered("x_in", cutoff=10.0)
 
 
 records = [measured(name, *signal) for name, signal in SIGNALS.items()]

@@ -58,13 +58,16 @@ for figure, (size, tones, *paper) in SIGNALS.items():
 
         from tsmblocks.plots import plot_loop, plot_tracking
 
-        sheet = Figure(figsize=(14.0, 8.0), layout="constrained")
+        sheet = Figure(figsize=(11.0, 7.5), layout="constrained")
         (a, c), (b, d) = sheet.subplots(2, 2, width_ratios=(1.4, 1.0))
         plot_tracking({"without": plain, "feedforward": forward}, (a, b), after=30.0)
         forward.plot("x_ref", "compensator.y", ax=c)
         c.set_xlim(30.0, 40.0)
         for name, run in {"without": plain, "feedforward": forward}.items():
             plot_loop(run["x_ref"][20001:], run["x_out"][20001:], d, label=name, names=("x_ref", "x_out"))
+        for panel in (a, b, c, d):
+            title = "peak-to-peak error" if panel is b else None
+            panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, title=title, alignment="left")
         sheet.suptitle(f"{figure}: without compensation, and with feedforward")
         sheet.savefig(folder / f"{figure.lower().replace(' ', '_')}.png")
 

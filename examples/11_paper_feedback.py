@@ -34,11 +34,15 @@ if len(sys.argv) > 1:
 
     from tsmblocks.plots import plot_loop, plot_tracking
 
-    sheet = Figure(figsize=(14.0, 6.0), layout="constrained")
+    sheet = Figure(figsize=(11.0, 5.5), layout="constrained")
     left, right = sheet.subfigures(1, 2, width_ratios=(1.0, 1.3))
     shown = {name: runs[name] for name in ("feedforward", "feedforward + PID")}
     loop = left.subplots()
     for name, run in shown.items():
         plot_loop(run["x_ref"][10001:], run["x_out"][10001:], loop, label=name, names=("x_ref", "x_out"))
-    plot_tracking(shown, right.subplots(2, 1, sharex=True), after=10.0)
+    upper, lower = right.subplots(2, 1, sharex=True)
+    plot_tracking(shown, (upper, lower), after=10.0)
+    for panel in (loop, upper, lower):
+        title = "peak-to-peak error" if panel is lower else None
+        panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, title=title, alignment="left")
     sheet.savefig(folder / "fig_17.png")

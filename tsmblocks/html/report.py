@@ -177,8 +177,9 @@ def _rounds(segment: Segment, experiments: int) -> Iterator[dict[str, Any]]:
 def _ranked(r: RankedCandidate, experiments: int) -> tuple[str, ...]:
     values = []
     for name, value in r.parameters.items():
-        text = Markup("{} {}").format(name, in_display_units(value, r.units.get(name, "")))
-        values.append(text + Markup(" <small>at its bound</small>") if name in r.at_bound else text)
+        bound = Markup(" <small>at its bound</small>") if name in r.at_bound else ""
+        text = in_display_units(value, r.units.get(name, ""))
+        values.append(Markup('<span class="whole">{} {}{}</span>').format(name, text, bound))
     outcome = "named" if r.named else r.why_not
     shares = (percent(r.share), percent(share_across_experiments(r, experiments)))
     shown = values if len(values) <= MAX_PARAMETERS + 1 else values[:MAX_PARAMETERS]

@@ -136,7 +136,7 @@ def _ports(block: Block) -> str:
         rows.append((rst.code(name), "past", "", f"{rst.words(past.about)}: ``{past.of}``, ``{past.by}`` ago"))
     labels = [p.unit for p in block.inports.values()] + [p.unit for p in block.outports.values()]
     letters = LETTERS if any("?" in label for label in labels) else ""
-    return rst.page(rst.section("Ports", ("Port", "", "Unit", "Meaning"), rows, (16, 14, 14, 56)), letters)
+    return rst.page(rst.section("Ports", ("Port", "Kind", "Unit", "Meaning"), rows, (16, 14, 14, 56)), letters)
 
 
 def _numbers(block: Block, shown: Block, label: str) -> str:

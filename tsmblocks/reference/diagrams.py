@@ -24,8 +24,8 @@ DRIVE = {
 }
 """Source at the input of an open diagram on its page, by unit."""
 STOP, STEP = 20.0, 1e-3
-STIFF = ("sampled_position_loop",)
-"""Diagrams that are too fast for an explicit method at this step."""
+STEPS = {"sampled_position_loop": 2e-4}
+"""Steps of the runs for which ``STEP`` is too long [s]."""
 PLOTTED = ("x_ref", "x_in", "x_out")
 """Outputs that belong into one chart, where a diagram has them."""
 
@@ -71,7 +71,7 @@ def _chart(name: str, diagram: Diagram) -> str:
         wires=[f"{k} -> diagram.{k}" for k in diagram.inputs],
         outputs={**{k: k for k in diagram.inputs}, **{k: f"diagram.{k}" for k in diagram.outputs}},
     )
-    run = simulate(driven, stop=STOP, step=STEP, method="sdirk4" if name in STIFF else "rk4")
+    run = simulate(driven, stop=STOP, step=STEPS.get(name, STEP))
     names = [k for k in driven.outputs if k in PLOTTED]
     if not set(names) & set(diagram.outputs):
         names = list(driven.outputs)
@@ -93,8 +93,11 @@ def _edges(diagram: Diagram) -> str:
         for k, v in diagram.inports.items()
     ]
     rows += [(rst.code(k), "output", unit(diagram.unit(k)), "", rst.code(diagram.outputs[k])) for k in diagram.outputs]
-    head = ("Name", "", "Unit", "Meaning", "Drives, or shows")
-    return rst.section("Inputs and outputs", head, rows, (16, 12, 10, 36, 26))
+    columns = [("Name", 16), ("Kind", 12), ("Unit", 10), ("Meaning", 36), ("Drives, or shows", 26)]
+    if not any(row[3] for row in rows):
+        rows, columns = [(*row[:3], row[4]) for row in rows], columns[:3] + columns[4:]
+    head, widths = zip(*columns, strict=True)
+    return rst.section("Inputs and outputs", head, rows, widths)
 
 
 def _blocks(diagram: Diagram) -> str:

@@ -115,8 +115,8 @@ DRIVE: dict[str, dict[str, Block]] = {
 STOPS = dict(DCMotor=0.3, MotorTransferFunction=0.3, StateSpace=5.0, ZeroPoleGain=3.0, SecondOrderLag=4.0, Step=3.0)
 """Duration of the runs [s] that are not ``STOP`` long."""
 
-METHODS = {"DCMotor": "sdirk2"}
-"""Methods of the runs that are too fast for an explicit one at this step."""
+STEPS = {"DCMotor": 2e-5}
+"""Steps of the runs for which ``STEP`` is too long [s]."""
 
 
 def snake(name: str) -> str:
@@ -152,7 +152,7 @@ def stop_of(cls: type[Block]) -> float:
 
 def run(cls: type[Block]) -> Run:
     """The example, run."""
-    return simulate(example(cls), stop=stop_of(cls), step=STEP, method=METHODS.get(cls.__name__, "rk4"))
+    return simulate(example(cls), stop=stop_of(cls), step=STEPS.get(cls.__name__, STEP))
 
 
 def script(diagram: Diagram, stop: float = STOP) -> str:
@@ -161,7 +161,7 @@ def script(diagram: Diagram, stop: float = STOP) -> str:
     blocks = [f"        {name}={_made(block)}," for name, block in diagram.blocks.items() if isinstance(block, Block)]
     wires = [f'        "{wire}",' for wire in diagram.wires]
     shown = [f'        "{name}": "{".".join(filter(None, end))}",' for name, end in diagram.shown.items()]
-    implicit = next((f', method="{METHODS[name]}"' for name in used if name in METHODS), "")
+    step = next((STEPS[name] for name in used if name in STEPS), STEP)
     lines = [
         "import tsmblocks as tsm",
         f"from tsmblocks.blocks import {', '.join(used)}",
@@ -172,7 +172,7 @@ def script(diagram: Diagram, stop: float = STOP) -> str:
         *(("    wires=[", *wires, "    ],") if wires else ()),
         *("    outputs={", *shown, "    },"),
         ")",
-        f"run = tsm.simulate(diagram, stop={stop:g}, step={STEP:g}{implicit})",
+        f"run = tsm.simulate(diagram, stop={stop:g}, step={step:g})",
     ]
     return "\n".join(lines) + "\n"
 

@@ -50,7 +50,7 @@ def pages() -> dict[str, str]:
         rst.heading("Python"),
         "``import tsmblocks as tsm`` gives every name on these pages. Angles are in radians inside; figures and tables "
         "show degrees where people think in degrees.",
-        rst.table(("Page", "", "Names"), rows, (22, 34, 44)),
+        rst.table(("Page", "Task", "Names"), rows, (22, 34, 44)),
         rst.contents(GROUPS),
     )
     return {"python/index": index, **{f"python/{key}": _page(key) for key in GROUPS}}

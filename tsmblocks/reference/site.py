@@ -15,7 +15,7 @@ from typing import Any
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.version import __version__
 from tsmblocks.html.pages import with_palettes
-from tsmblocks.reference import blocks, diagrams, effects, front, gallery, hand_written, names, python
+from tsmblocks.reference import accessible, blocks, diagrams, effects, front, gallery, hand_written, names, python
 
 SHEET = "tsmblocks.css"
 """The style sheet, whose colours are those of all charts."""
@@ -127,3 +127,4 @@ def _sphinx(source: Path, out: Path, doctrees: Path) -> None:
     for name in ("objects.inv", ".buildinfo"):
         (out / name).unlink(missing_ok=True)
     shutil.rmtree(out / "_sources", ignore_errors=True)
+    accessible.amend(out)
