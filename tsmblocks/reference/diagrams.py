@@ -88,7 +88,7 @@ def _chart(name: str, diagram: Diagram) -> str:
 
 
 def _edges(diagram: Diagram) -> str:
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (rst.code(k), "input", unit(v.unit), rst.words(v.about), ", ".join(map(rst.code, diagram.inputs[k].ports)))
         for k, v in diagram.inports.items()
     ]
