@@ -103,7 +103,7 @@ indistinguishable effects:
 - backlash is indistinguishable from hysteresis with these data. To separate
   them: two amplitudes, minor loops, or an odd multisine.
 
-smallest detectable sizes:
+smallest detectable sizes, beside the effects named:
   backlash  gap width 0.04 deg
   drift     rate 1e-05
 
@@ -364,6 +364,22 @@ def test_what_was_added_is_what_goes_when_it_is_taken_back():
     assert (back.added, back.removed) == (there.removed, there.added)
     assert (back.wires_added, back.wires_removed) == (there.wires_removed, there.wires_added)
     assert [(c.before, c.after) for c in back.parameters] == [(c.after, c.before) for c in there.parameters]
+
+
+def test_a_block_that_is_replaced_under_its_name_is_a_change():
+    before = tsm.Diagram(
+        title="a gap behind a gain",
+        blocks={"scale": Gain(gain=3.0), "gap": Play(half_width=0.1)},
+        wires=["scale -> gap"],
+        inputs={"u": "scale.u"},
+        outputs={"y": "gap"},
+    )
+    after = before.replace("gap", Gain(gain=2.0)).with_parameters({"scale.gain": 4.0})
+    assert difference(before, after).lines == [
+        ("-", "gap = Play(half_width=0.1)"),
+        ("+", "gap = Gain(gain=2)"),
+        ("~", "scale.gain  3 -> 4"),
+    ]
 
 
 def test_blocks_in_code_make_the_same_blocks():

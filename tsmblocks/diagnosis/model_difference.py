@@ -55,20 +55,27 @@ def difference(before: Diagram, after: Diagram) -> Difference:
     """The changes from ``before`` to ``after``; initial states, which each recording has its own of, are no changes."""
     old, new = _all_wires(before), _all_wires(after)
     known, fields = before.parameters, numbers(after)
+    replaced = {k for k, b in after.blocks.items() if k in before.blocks and _kind(b) != _kind(before.blocks[k])}
     parameters = tuple(
         ChangedParameter(name, known[name], value, unit_of(after, name))
         for name, value in after.parameters.items()
         if name in known
+        and name.partition(".")[0] not in replaced
         and not is_start(fields.get(name, []))
         and abs(value - known[name]) > PARAMETER_TOLERANCE * max(abs(value), abs(known[name]))
     )
     return Difference(
-        {k: in_code(b, states=False) for k, b in after.blocks.items() if k not in before.blocks},
-        {k: in_code(b, states=False) for k, b in before.blocks.items() if k not in after.blocks},
+        {k: in_code(b, states=False) for k, b in after.blocks.items() if k not in before.blocks or k in replaced},
+        {k: in_code(b, states=False) for k, b in before.blocks.items() if k not in after.blocks or k in replaced},
         tuple(w for w in new if w not in old),
         tuple(w for w in old if w not in new),
         parameters,
     )
+
+
+def _kind(block: Block | Diagram) -> object:
+    """The class of a block, or those of the blocks of a diagram."""
+    return {k: _kind(b) for k, b in block.blocks.items()} if isinstance(block, Diagram) else type(block)
 
 
 def in_code(block: Block | Diagram, *, states: bool = True) -> str:

@@ -270,7 +270,8 @@ def _limits(segment: Segment, several: bool) -> str:
     parts = []
     if detectable:
         rows = [[m.name, limit_text(m)] for m in detectable]
-        parts.append(f"smallest detectable sizes{where}:\n{columns(rows, '  ', left=(0, 1))}")
+        beside = ", beside the effects named" if named else ""
+        parts.append(f"smallest detectable sizes{where}{beside}:\n{columns(rows, '  ', left=(0, 1))}")
     if undetectable:
         text = (
             f"not detectable at any size{where} (not excited by these experiments, without an insertion point, or "
