@@ -47,7 +47,10 @@ def __getattr__(name: str) -> Any:
         return import_module(f"{home}.{name}") if home == __name__ else getattr(import_module(home), name)
     packages = [p for p, home in _HOME.items() if home == __name__] if name.isidentifier() and name[0] != "_" else []
     where = [p for p in packages if callable(getattr(import_module(f"{__name__}.{p}"), name, None))]
-    hint = f" It is tsmblocks.{where[0]}.{name}." if where else errors.near(name, __all__)
+    hint = f" It is tsmblocks.{where[0]}.{name}." if where else ""
+    if packages and not hint and callable(getattr(import_module("control"), name, None)):
+        hint = f" It is control.{name}, for the linear system of a diagram: tsm.analysis.loop_gain or linearize."
+    hint = hint or errors.near(name, __all__)
     raise errors.no_such_name(__name__, name, hint)
 
 

@@ -50,6 +50,15 @@ def a_public_name_one_level_down():
     _ = tsm.latin_hypercube
 
 
+@mistake(
+    AttributeError,
+    "tsmblocks has no 'bode'. It is control.bode, for the linear system of a diagram: tsm.analysis.loop_gain or "
+    "linearize.",
+)
+def a_name_that_python_control_has():
+    _ = tsm.bode
+
+
 @mistake(AttributeError, "tsmblocks has no 'Diagrm'. Did you mean 'Diagram'?")
 def a_name_the_package_does_not_have():
     _ = tsm.Diagrm
