@@ -93,11 +93,10 @@ def _edges(diagram: Diagram) -> str:
         for k, v in diagram.inports.items()
     ]
     rows += [(rst.code(k), "output", unit(diagram.unit(k)), "", rst.code(diagram.outputs[k])) for k in diagram.outputs]
-    columns = [("Name", 16), ("Kind", 12), ("Unit", 10), ("Meaning", 36), ("Drives, or shows", 26)]
-    if not any(row[3] for row in rows):
-        rows, columns = [(*row[:3], row[4]) for row in rows], columns[:3] + columns[4:]
-    head, widths = zip(*columns, strict=True)
-    return rst.section("Inputs and outputs", head, rows, widths)
+    head, widths = ("Name", "Kind", "Unit", "Meaning", "Drives, or shows"), (16, 12, 10, 36, 26)
+    kept = [k for k in range(len(head)) if any(row[k] for row in rows)]  # outputs alone have no meaning
+    cells = [[row[k] for k in kept] for row in rows]
+    return rst.section("Inputs and outputs", [head[k] for k in kept], cells, [widths[k] for k in kept])
 
 
 def _blocks(diagram: Diagram) -> str:
