@@ -67,8 +67,8 @@ def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.ra
     A residual that is much larger than those of other experiments is not taken for noise whole.
 
     Its spectrum is theirs, smoothed over bands, of which each draw has another one of the posterior; below the lowest
-    band its slope continues. It is cut out of longer noise: surrogates that are periodic, as those with the phases of a
-    residual drawn anew are, return to where they began, and slow noise does not.
+    band its slope continues. It is cut out of longer noise: surrogates that are periodic, as those with random phases
+    are, return to where they began, and slow noise does not.
     """
     frequency, power, freedom = _bands(parts, step)
     levels = np.log(power * freedom / draw.chisquare(freedom, (draws, len(power))))
@@ -127,7 +127,7 @@ def _lowest_slope(frequency: np.ndarray, power: np.ndarray) -> float:
 def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_time: bool) -> np.ndarray:
     """Surrogates of a model's residual with the base projected out, shape (N, draws), in single precision.
 
-    They are the noise that the residual would be if the model were right. With ``of_time`` they are drawn anew, as
+    They are the noise that the residual would be if the model were right. With ``of_time`` they are new noise, as
     ``slow_noise``, for effects of time; else they have lost their tie to the input.
     """
     draw, result = np.random.default_rng(seed), np.empty((len(model.r), draws), dtype=np.float32)
