@@ -215,6 +215,7 @@ ALLOWED = {
     "engine/code_cache.py",
     "plots/notebook.py",  # into memory
     "reference/hand_written.py",  # a temporary folder, where the code of a page runs
+    "reference/accessible.py",  # the pages that Sphinx wrote
     "reference/site.py",  # a folder of its own, which Sphinx reads
     "studies/store.py",  # rows are added as runs end
     "testing/reader_checks.py",  # spoilt copies in a temporary folder

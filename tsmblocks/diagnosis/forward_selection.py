@@ -48,9 +48,12 @@ from tsmblocks.diagnosis.surrogates import surrogates
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
 from tsmblocks.effects import REPLACED, Effect, Relative, Replacement
 from tsmblocks.fitting.column_space import column_space
+from tsmblocks.fitting.inner_products import square
 
 SMALLEST_GAIN = 1e-9
-"""Gain [noise variances] below which a candidate that changes nothing is not judged. Chosen: rounding."""
+"""Gain in noise, as a share of the sum of squares, that a candidate has at least. Chosen: rounding."""
+LARGEST_SHARE = 1 - 1e-6
+"""Gain in noise, as a share of the sum of squares, that a candidate has at most. Chosen: rounding."""
 SURROGATES = 99
 """Surrogates of the residual in which every candidate is tried. Chosen: for the run time."""
 MAX_EFFECTS = 4
@@ -159,7 +162,8 @@ def search_round(
         models.append(min(ends, key=lambda m: m.mean_square))
     least = min((one.mean_square for one in models), default=0.0)
     models = [refine_memories(m, 1) if m.mean_square <= MEMORY_SEARCH_RATIO * least else m for m in models]
-    limits, by_motion = critical_gains(scores), functools.cache(lambda: _predicted_gain(model, search))
+    limits = critical_gains(scores, square(model.r))
+    by_motion = functools.cache(lambda: _predicted_gain(model, search))
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
     base_loss = mean_loss(losses[0], search.blocks)
     for score, m in zip(chosen, models, strict=True):
@@ -220,20 +224,24 @@ def is_of_time(candidate: Candidate) -> bool:
     return candidate.effect.family == "time"
 
 
-def critical_gains(scores: Sequence[ScreeningScore]) -> dict[ScreeningScore, float]:
+def critical_gains(scores: Sequence[ScreeningScore], total: float) -> dict[ScreeningScore, float]:
     """The gain [noise variances] of each candidate that any of them exceeds in noise alone with a probability of 5 %.
 
-    Gains are counted in what the candidate itself reaches in noise (95 %), so that one with many shapes, which follows
-    any noise, does not hide one with few. Effects of time, which slow noise resembles, are a family of their own.
+    ``total`` is the sum of squares of the residual. Gains count as they do in an F-test, gain over what is left, and in
+    what the candidate itself reaches in noise (95 %), so that one with many shapes, which follows any noise, does not
+    hide one with few. Effects of time, which slow noise resembles, are a family of their own.
     Source: Westfall and Young, Resampling-Based Multiple Testing (1993), on balanced tests.
     """
     result: dict[ScreeningScore, float] = {}
     for of_time in (False, True):
         family = [one for one in scores if is_of_time(one.candidate) == of_time]
-        own = [max(float(np.quantile(one.noise_gains, 1 - SIGNIFICANCE_LEVEL)), SMALLEST_GAIN) for one in family]
-        ratios = [one.noise_gains / limit for one, limit in zip(family, own, strict=True)]
+        shares = [np.clip(one.noise_gains / max(total, SMALLEST_GAIN), SMALLEST_GAIN, LARGEST_SHARE) for one in family]
+        every = [share / (1 - share) for share in shares]
+        own = [float(np.quantile(one, 1 - SIGNIFICANCE_LEVEL)) for one in every]
+        ratios = [one / limit for one, limit in zip(every, own, strict=True)]
         highest = float(np.quantile(np.max(ratios, axis=0), 1 - SIGNIFICANCE_LEVEL)) if family else 1.0
-        result |= {one: max(highest, 1.0) * limit for one, limit in zip(family, own, strict=True)}
+        limits = [max(highest, 1.0) * limit for limit in own]
+        result |= {one: total * limit / (1 + limit) for one, limit in zip(family, limits, strict=True)}
     return result
 
 

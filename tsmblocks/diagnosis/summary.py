@@ -24,6 +24,7 @@ from tsmblocks.diagnosis.time_and_distance import second_frequency
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
 from tsmblocks.effects import Effect
 from tsmblocks.fitting.experiments import Experiment
+from tsmblocks.fitting.inner_products import square
 from tsmblocks.model.diagram import Diagram
 
 INPUT_NOISE_THRESHOLD = 1e-3
@@ -169,7 +170,7 @@ def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     found: dict[str, DetectionLimit] = {}
     last = diagnosed.rounds[diagnosed.count]
     scores = last.screening_scores or diagnosed.rounds[0].screening_scores
-    by_noise, noise = critical_gains(scores), diagnosed.noise_variance
+    by_noise, noise = critical_gains(scores, square(last.base.r)), diagnosed.noise_variance
     excess = max(diagnosed.losses[-1] - noise, 0.0)  # an effect has to remove its share of this as well
     material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
     for p in scores:
