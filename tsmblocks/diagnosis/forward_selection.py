@@ -227,7 +227,7 @@ def is_of_time(candidate: Candidate) -> bool:
 def critical_gains(scores: Sequence[ScreeningScore], total: float) -> dict[ScreeningScore, float]:
     """The gain [noise variances] of each candidate that any of them exceeds in noise alone with a probability of 5 %.
 
-    ``total`` is the sum of squares of the residual. Gains count as they do in an F-test, gain over the rest of the sum, and in
+    ``total`` is the sum of squares of the residual. Gains count as they do in an F-test, gain over the rest, and in
     what the candidate itself reaches in noise (95 %), so that one with many shapes, which follows any noise, does not
     hide one with few. Effects of time, which slow noise resembles, are a family of their own.
     Source: Westfall and Young, Resampling-Based Multiple Testing (1993), on balanced tests.
