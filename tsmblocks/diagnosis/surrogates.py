@@ -133,14 +133,13 @@ def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_tim
     draw, result = np.random.default_rng(seed), np.empty((len(model.r), draws), dtype=np.float32)
     for output in range(len(model.setup.outputs)):
         groups = list(rows_of_experiments(model, output).values())
-        cuts = stretches_of([len(rows) for rows in groups])
         if of_time:
             step = float(np.median(np.diff(model.setup.experiments[0].t)))
             noise = slow_noise([model.r[rows] for rows in groups], step, draws, draw)
             for rows, one in zip(groups, noise, strict=True):
                 result[rows] = one
             continue
-        for rows, own in zip(groups, cuts, strict=True):
+        for rows, own in zip(groups, stretches_of([len(rows) for rows in groups]), strict=True):
             for part in own:
                 result[rows[part]] = rolled(model.r[rows[part]], draws, draw)
     for first in range(0, draws, COLUMNS_AT_A_TIME):  # for memory

@@ -11,7 +11,7 @@ CHANGES = (
     ('<div class="table-wrapper', '<div tabindex="0" class="table-wrapper'),
     ('<div id="search-results">', '<h1>Search</h1>\n<div id="search-results">'),
 )
-"""Markup of Sphinx and of the theme, and what stands in its place."""
+"""Markup of Sphinx and of the theme, and its replacement."""
 
 
 def amend(folder: Path) -> None:
