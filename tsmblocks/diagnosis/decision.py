@@ -10,6 +10,7 @@ import numpy as np
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.cross_validation import TimeBlocks, held_out_residuals
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.noise_floor import NoiseLevel
 
 MIN_VARIANCE_REDUCTION = 0.06
 """Fall of the held-out loss [noise variances] below which no effect is named. Calibrated on tests/benchmarks/hidden.py
@@ -131,6 +132,12 @@ def fitted_candidate(
     losses, experiment_losses = held_out_losses(model, blocks, {**shrinkage, **shrinkage_of(candidate)})
     loss = mean_loss(losses, blocks)
     return FittedCandidate(candidate, model, losses, experiment_losses, loss, untenable)
+
+
+def noise_beside(candidates: Sequence[FittedCandidate], noise: NoiseLevel) -> float:
+    """The mean square of the noise that the decision on candidates assumes: no more than the best of them leaves."""
+    losses = [one.loss for one in candidates if one.tenable and np.isfinite(one.loss)]
+    return noise.least(min(losses, default=np.inf))
 
 
 def mean_loss(losses: np.ndarray, blocks: TimeBlocks) -> float:

@@ -24,6 +24,7 @@ from tsmblocks.diagnosis.decision import (
     fitted_candidate,
     held_out_losses,
     mean_loss,
+    noise_beside,
     shrinkage_of,
 )
 from tsmblocks.diagnosis.evidence import evidence
@@ -178,8 +179,7 @@ def search_round(
             untenable = "removes noise of the input only"
         found = fitted_candidate(score.candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
-    best = min((one.loss for one in fitted if one.tenable and np.isfinite(one.loss)), default=np.inf)
-    noise_variance = search.noise.least(best)  # it is no larger than what the best candidate leaves
+    noise_variance = noise_beside(fitted, search.noise)
     verdict = decide(losses[0], fitted, search.blocks, noise_variance, search.settings.seed)
     verdict = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
     return SearchRound(model, *losses, tuple(scores), verdict)

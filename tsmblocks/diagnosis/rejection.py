@@ -11,6 +11,7 @@ from tsmblocks.diagnosis.decision import (
     MIN_VARIANCE_REDUCTION,
     FittedCandidate,
     mean_loss,
+    noise_beside,
 )
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.forward_selection import MIN_EXCESS_SHARE, SearchRound
@@ -51,7 +52,8 @@ def _unfit(one: FittedCandidate) -> str:
 
 def _unconvincing(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCandidate, t: float) -> str:
     """Why held-out data do not support a candidate."""
-    before, noise = mean_loss(searched.losses, diagnosed.blocks), _noise_variance(diagnosed, searched)
+    before = mean_loss(searched.losses, diagnosed.blocks)
+    noise = noise_beside(searched.verdict.ranking, diagnosed.search.noise)
     if t <= searched.verdict.critical_value:
         return NOT_SIGNIFICANT
     if before < (1 + MIN_EXCESS) * noise:
@@ -82,9 +84,3 @@ def _not_accepted(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCa
     if diagnosed.count:
         return NOT_ACCEPTED
     return STANDS_IN if share >= MIN_EXCESS_SHARE else TOO_LITTLE
-
-
-def _noise_variance(diagnosed: DiagnosedPart, searched: SearchRound) -> float:
-    """Mean square of the noise that the decision of a round assumed: no more than its best candidate leaves."""
-    losses = [one.loss for one in searched.verdict.ranking if one.tenable and np.isfinite(one.loss)]
-    return diagnosed.search.noise.least(min(losses, default=np.inf))
