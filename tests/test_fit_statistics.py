@@ -18,6 +18,7 @@ from tsmblocks.fitting.identifiability import UNCERTAIN, Undetermined, _Wording,
 from tsmblocks.fitting.inner_products import product
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.noise_model import FEWEST, ARModel, LagProducts, best_order, fast_length, noise_models
+from tsmblocks.fitting.sample_sums import summed
 from tsmblocks.fitting.statistics import autocorrelation, correlation, intervals, uncertainty
 from tsmblocks.fitting.text import cautions
 
@@ -125,6 +126,45 @@ def test_many_short_segments_share_one_colour():
     assert FEWEST > 30
     assert {id(c.coefficients) for c in known.models} == {id(known.models[0].coefficients)}
     assert known.models[0].order > 0
+
+
+def test_slow_noise_beside_white_noise_in_an_oversampled_recording():
+    """The slow part is a tenth of the recording long, thousands of samples, and an autoregression sees some tens."""
+    n, hits = 16_000, []
+    J = regressors(n, 4, 3)
+    inverse, rng = np.linalg.pinv(J), np.random.default_rng(2)
+    for _ in range(60):
+        e = autoregressive(math.exp(-10 / n))(n, rng) * math.sqrt(20 / n) + rng.standard_normal(n)
+        theta = inverse @ e
+        known = uncertainty(J, e - J @ theta)
+        low, high = intervals(theta, known.covariance, known.freedom)
+        hits.append((low < 0) & (high > 0))
+    assert np.mean(hits, axis=0)[1] >= 0.85  # of the offset: 0.6 with an autoregression of the samples themselves
+    assert 0.90 <= np.mean(hits) <= 0.98
+
+
+def test_an_interval_does_not_depend_on_the_sampling():
+    """A slow error sampled four times as fast tells as much about the parameters as before."""
+    n, rng, widths = 4000, np.random.default_rng(4), []
+    slow = autoregressive(math.exp(-40 / n))(n, rng)
+    for factor in (1, 4):
+        t, dense_t = np.arange(n) / n, np.arange(factor * n) / (factor * n)
+        J = regressors(factor * n, 4, 4)
+        e = np.interp(dense_t, t, slow) + 0.02 * rng.standard_normal(factor * n)
+        known = uncertainty(J, e - J @ (np.linalg.pinv(J) @ e))
+        widths.append(known.errors)
+    assert widths[1] == pytest.approx(widths[0], rel=0.35)
+
+
+def test_sums_keep_the_basis_and_the_variance_of_white_noise():
+    n, rng = 6000, np.random.default_rng(0)
+    Q = Jacobian.of(np.linalg.qr(regressors(n, 2, 2))[0])
+    basis, sums, parts = summed(Q, rng.standard_normal(n), [slice(0, 2900), slice(2900, n)])
+    assert [s.stop - s.start for s in parts] == [725, 775]
+    assert basis.norms == pytest.approx([1.0, 1.0])
+    assert np.var(sums) == pytest.approx(1.0, abs=0.1)
+    rough = Jacobian.of(np.linalg.qr(rng.standard_normal((n, 2)))[0])
+    assert len(summed(rough, np.zeros(n), [slice(0, n)])[1]) == n
 
 
 # ---- covariance
@@ -536,7 +576,7 @@ def test_what_does_not_reach_the_output_has_no_influence():
 
 def test_noise_can_hide_what_data_could_tell():
     names = [name for name in BOUC_WEN if name not in ("tsm.alpha_zeta", "offset.bias")]
-    found = bouc_wen(names, TWO_TONES, T, noise=1.0)
+    found = bouc_wen(names, TWO_TONES, T, noise=0.7)
     assert {u.kind for u in found} == {"combination", "uncertain"}
     assert all("are indistinguishable with these data" in u.words for u in found if u.kind == "combination")
     assert "tsm.gamma" in {name for u in found for name in u.names}

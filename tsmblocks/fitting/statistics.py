@@ -9,10 +9,11 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
-from tsmblocks.fitting.column_space import ColumnSpace, column_space
+from tsmblocks.fitting.column_space import column_space
 from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.noise_model import ARModel, NoiseModels, fast_length, noise_models
+from tsmblocks.fitting.sample_sums import summed
 
 RANK = 1e-24
 """Square of the smallest relative effect of a direction on the residuals that exceeds rounding. Chosen."""
@@ -78,8 +79,9 @@ def uncertainty(
     weight = None if prior is None else np.asarray(prior, dtype=float)
     space = column_space(J, RANK, weight, held)
     turn, count = space.turn, space.turn.shape[1]
-    noises = noise_models(space.basis, r, segments)
-    covariance, freedom = _noise_covariance(space, noises, segments, count / len(r))
+    basis, sums, parts = summed(space.basis, r, segments)
+    noises = noise_models(basis, sums, parts)
+    covariance, freedom = _noise_covariance(turn, basis, noises, parts)
     residual_variance = square(r) / (len(r) - count)
     white = residual_variance * turn @ space.basis.normal_matrix() @ turn.T
     if weight is not None:
@@ -133,14 +135,14 @@ def _with_unidentifiable(covariance: np.ndarray, unidentifiable: np.ndarray) -> 
 
 
 def _noise_covariance(
-    space: ColumnSpace, noises: NoiseModels, segments: Sequence[slice], share: float
+    turn: np.ndarray, jacobian: Jacobian, noises: NoiseModels, segments: Sequence[slice]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Covariance (p, p) of an estimate, and the degrees of freedom of its diagonal (p,).
 
-    The error of the estimate is ``turn`` (p, q) times the basis (q, N) times the noise, and in the rows of an
-    experiment only a few columns of the basis are not zero.
+    The error of the estimate is ``turn`` (p, q) times the basis ``jacobian`` (N, q), transposed, times the noise, and
+    in the rows of an experiment only a few columns of the basis are not zero.
     """
-    turn, basis = space.turn, list(space.basis.blocks())
+    basis, share = list(jacobian.blocks()), jacobian.shape[1] / jacobian.shape[0]
     p, q = turn.shape
     total, groups = np.zeros((q, q)), []
     for group in dict.fromkeys(noises.source):
@@ -148,7 +150,7 @@ def _noise_covariance(
         model = noises.models[mine[0]]
         own, slope = np.zeros((q, q)), np.zeros((model.order, p))
         for i in mine:
-            block = basis[space.basis.experiment_of(segments[i])]
+            block = basis[jacobian.experiment_of(segments[i])]
             first = segments[i].start - block.rows.start
             rows = block.values[first : first + segments[i].stop - segments[i].start]
             part, changes = _quadratic(np.ascontiguousarray(rows.T), model)
