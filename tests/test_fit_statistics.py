@@ -139,21 +139,8 @@ def test_slow_noise_beside_white_noise_in_an_oversampled_recording():
         known = uncertainty(J, e - J @ theta)
         low, high = intervals(theta, known.covariance, known.freedom)
         hits.append((low < 0) & (high > 0))
-    assert np.mean(hits, axis=0)[1] >= 0.85  # of the offset: 0.6 with an autoregression of the samples themselves
+    assert np.mean(hits, axis=0)[1] >= 0.85  # of the offset: 0.75 with an autoregression of the samples themselves
     assert 0.90 <= np.mean(hits) <= 0.98
-
-
-def test_an_interval_does_not_depend_on_the_sampling():
-    """A slow error sampled four times as fast tells as much about the parameters as before."""
-    n, rng, widths = 4000, np.random.default_rng(4), []
-    slow = autoregressive(math.exp(-40 / n))(n, rng)
-    for factor in (1, 4):
-        t, dense_t = np.arange(n) / n, np.arange(factor * n) / (factor * n)
-        J = regressors(factor * n, 4, 4)
-        e = np.interp(dense_t, t, slow) + 0.02 * rng.standard_normal(factor * n)
-        known = uncertainty(J, e - J @ (np.linalg.pinv(J) @ e))
-        widths.append(known.errors)
-    assert widths[1] == pytest.approx(widths[0], rel=0.35)
 
 
 def test_sums_keep_the_basis_and_the_variance_of_white_noise():
