@@ -36,7 +36,7 @@ class Table:
     def loss(self, model):
         return min(v for k, v in self.left.items() if k <= model)
 
-    def search_round(self, model, known, search, beside=None):
+    def search_round(self, model, known, search, found_in=None):
         offered = [e for e in search.effects if e.name not in model]
         best = min(offered, key=lambda e: self.loss(model | {e.name}), default=None)
         passes = best is not None and self.loss(model) - self.loss(model | {best.name}) > WORTH

@@ -11,12 +11,12 @@ import numpy as np
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, known_starts
-from tsmblocks.diagnosis.candidates import Candidate, candidates, replacement_candidates, wire_signals
+from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
+from tsmblocks.diagnosis.critical_gains import critical_gains, critical_ratios, is_of_time
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import (
     INDISTINGUISHABLE_NOISE_SHARE,
     MIN_VARIANCE_REDUCTION,
-    SIGNIFICANCE_LEVEL,
     FittedCandidate,
     Shrinkage,
     Verdict,
@@ -51,10 +51,6 @@ from tsmblocks.effects import REPLACED, Effect, Relative, Replacement
 from tsmblocks.fitting.column_space import column_space
 from tsmblocks.fitting.inner_products import square
 
-SMALLEST_GAIN = 1e-9
-"""Gain in noise, as a share of the sum of squares, that a candidate has at least. Chosen: rounding."""
-LARGEST_SHARE = 1 - 1e-6
-"""Gain in noise, as a share of the sum of squares, that a candidate has at most. Chosen: rounding."""
 SURROGATES = 99
 """Surrogates of the residual in which every candidate is tried. Chosen: for the run time."""
 MAX_EFFECTS = 4
@@ -100,6 +96,8 @@ class SearchRound:
     ``losses`` (B,) and ``experiment_losses`` (B,) are those of the base, by folds and by whole experiments.
     ``repeated`` is the same search repeated with all effects that were named later in the model. ``single_effect`` is
     True where the round searched for one given effect only; ``repeated`` then is the search that named it.
+    ``multiplicity`` is how much larger a gain in noise is to be expected of the best of all candidates than of one of
+    them alone (95 %), for those that are of time and those that are not.
     """
 
     base: Model
@@ -109,6 +107,7 @@ class SearchRound:
     verdict: Verdict
     repeated: SearchRound | None = None
     single_effect: bool = False
+    multiplicity: Mapping[bool, float] = attrs.field(factory=dict)
 
     @property
     def most_complete(self) -> SearchRound:
@@ -146,24 +145,28 @@ class SearchContext:
 
 
 def search_round(
-    model: Model, shrinkage: Shrinkage, search: SearchContext, known: FittedCandidate | None = None
+    model: Model, shrinkage: Shrinkage, search: SearchContext, found_in: SearchRound | None = None
 ) -> SearchRound:
     """Screen every effect on every admissible wire of a model, fit the best candidates, and decide by held-out losses.
 
-    ``shrinkage`` is that of the effects in the model already. ``known`` is an effect in a model with others: its fit
-    starts at the parameters there as well.
+    ``shrinkage`` is that of the effects in the model already. ``found_in`` is a search that named an effect in another
+    model: its fit starts at the parameters there as well, and it is held against what the best of as many candidates
+    as there were reaches in noise.
     """
     scores = _screened(model, shrinkage, search)
     chosen = _worth_fitting(scores, model, search)
     models = []
     for k, one in enumerate(chosen):
         search.progress("fitted", k, len(chosen))
-        starts = [*one.starts, *known_starts(one, known)]
+        starts = [*one.starts, *known_starts(one, found_in.verdict.named if found_in else None)]
         ends = [optimized(one.problem, one.setup, start) for start in starts]
         models.append(min(ends, key=lambda m: m.mean_square))
     least = min((one.mean_square for one in models), default=0.0)
     models = [refine_memories(m, 1) if m.mean_square <= MEMORY_SEARCH_RATIO * least else m for m in models]
-    limits = critical_gains(scores, square(model.r))
+    multiplicity = critical_ratios(scores, square(model.r))
+    if found_in is not None:
+        multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}
+    limits = critical_gains(scores, square(model.r), multiplicity)
     by_motion = functools.cache(lambda: _predicted_gain(model, search))
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
     base_loss = mean_loss(losses[0], search.blocks)
@@ -182,7 +185,7 @@ def search_round(
     noise_variance = noise_beside(fitted, search.noise)
     verdict = decide(losses[0], fitted, search.blocks, noise_variance, search.settings.seed)
     verdict = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
-    return SearchRound(model, *losses, tuple(scores), verdict)
+    return SearchRound(model, *losses, tuple(scores), verdict, multiplicity=multiplicity)
 
 
 def closing_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
@@ -217,32 +220,6 @@ def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list
         own = noise[is_of_time(one)]
         scores.append(screening_score(one, model, search.records, search.settings, wires, base, own))
     return sorted(scores, key=lambda one: -one.gain)
-
-
-def is_of_time(candidate: Candidate) -> bool:
-    """Whether a candidate is a function of time, which slow noise may resemble: steps, slopes, or a line in it."""
-    return candidate.effect.family == "time"
-
-
-def critical_gains(scores: Sequence[ScreeningScore], total: float) -> dict[ScreeningScore, float]:
-    """The gain [noise variances] of each candidate that any of them exceeds in noise alone with a probability of 5 %.
-
-    ``total`` is the sum of squares of the residual. Gains count as they do in an F-test, gain over the rest, and in
-    what the candidate itself reaches in noise (95 %), so that one with many shapes, which follows any noise, does not
-    hide one with few. Effects of time, which slow noise resembles, are a family of their own.
-    Source: Westfall and Young, Resampling-Based Multiple Testing (1993), on balanced tests.
-    """
-    result: dict[ScreeningScore, float] = {}
-    for of_time in (False, True):
-        family = [one for one in scores if is_of_time(one.candidate) == of_time]
-        shares = [np.clip(one.noise_gains / max(total, SMALLEST_GAIN), SMALLEST_GAIN, LARGEST_SHARE) for one in family]
-        every = [share / (1 - share) for share in shares]
-        own = [float(np.quantile(one, 1 - SIGNIFICANCE_LEVEL)) for one in every]
-        ratios = [one / limit for one, limit in zip(every, own, strict=True)]
-        highest = float(np.quantile(np.max(ratios, axis=0), 1 - SIGNIFICANCE_LEVEL)) if family else 1.0
-        limits = [max(highest, 1.0) * limit for limit in own]
-        result |= {one: total * limit / (1 + limit) for one, limit in zip(family, limits, strict=True)}
-    return result
 
 
 def _worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: SearchContext) -> list[ScreeningScore]:
@@ -351,22 +328,20 @@ def _repeated_beside_others(
     rounds: list[SearchRound], k: int, count: int, search: SearchContext
 ) -> list[SearchRound] | None:
     """New rounds, if effect ``k`` would not be named beside the others and they are better; else None."""
-    named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
-    this, others = named[k], named[:k] + named[k + 1 :]
-    other_rounds, model, shrinkage = rounds_for(rounds, others, search)
+    this, others, base = rounds[k].verdict.named, [*rounds[:k], *rounds[k + 1 : count]], rounds[0].base
+    other_rounds, model, shrinkage = rounds_for(others, search, base)
     again = search_round(model, shrinkage, search)
     new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
-    if new is not None and _same_effect(this, new):
+    if this is not None and new is not None and _same_effect(this, new):
         rounds[k] = attrs.evolve(rounds[k], repeated=again)
         return None
     if new is None:  # beside the others no effect would be named here
         made, least, allowed = [*other_rounds, again], len(other_rounds), MIN_VARIANCE_REDUCTION
     else:
-        made, model, shrinkage = rounds_for(rounds, [*named[:k], new, *named[k + 1 :]], search)
+        made, model, shrinkage = rounds_for([*rounds[:k], again, *rounds[k + 1 : count]], search, base)
         if len(made) < count:
             return None
         least, allowed = count, INDISTINGUISHABLE_NOISE_SHARE
-        made[k] = attrs.evolve(made[k], repeated=again)
         forward_search(model, shrinkage, search, made)
     kept = accepted_count(made, search)
     loss, before = (mean_loss(some[n].losses, search.blocks) for some, n in ((made, kept), (rounds, count)))
@@ -380,21 +355,22 @@ def _same_effect(this: FittedCandidate, new: FittedCandidate) -> bool:
 
 
 def rounds_for(
-    rounds: Sequence[SearchRound], effects: Sequence[FittedCandidate], search: SearchContext
+    found: Sequence[SearchRound], search: SearchContext, model: Model
 ) -> tuple[list[SearchRound], Model, Shrinkage]:
-    """Rounds that search for these effects only, the model with them, and their shrinkage; without those not named.
+    """Rounds that search for the effects named in these only, the model with them, and their shrinkage.
 
-    ``rounds`` are those in which they were named; their candidates are the ones that are listed.
+    ``model`` is the one without any effect. Effects that are not named alone are left out.
     """
-    model, made = rounds[0].base, list[SearchRound]()
+    made = list[SearchRound]()
     shrinkage: Shrinkage = {}
-    searched = {id(one.verdict.named): one.repeated or one for one in rounds}
-    for one in effects:
-        effect = one.candidate.effect
-        alone = effect.relative if isinstance(effect, Replacement) else effect
-        found = search_round(model, shrinkage, attrs.evolve(search, effects=[alone]), one)
-        if found.verdict.named is None:
+    for one in found:
+        if one.verdict.named is None:
             continue
-        made.append(attrs.evolve(found, single_effect=True, repeated=searched.get(id(one))))
-        model, shrinkage = next_base(found.verdict.named, shrinkage, search.settings)
+        effect = one.verdict.named.candidate.effect
+        alone = effect.relative if isinstance(effect, Replacement) else effect
+        again = search_round(model, shrinkage, attrs.evolve(search, effects=[alone]), one)
+        if again.verdict.named is None:
+            continue
+        made.append(attrs.evolve(again, single_effect=True, repeated=one.repeated or one))
+        model, shrinkage = next_base(again.verdict.named, shrinkage, search.settings)
     return made, model, shrinkage

@@ -34,8 +34,8 @@ def without_recurring_events(
     events = _imitations(rounds[count].base, named)
     if not events:
         return rounds, []
-    kept = [one for one in named if one not in events]
-    made, model, shrinkage = rounds_for(rounds, kept, search)
+    kept = [one for one in rounds[:count] if one.verdict.named not in events]
+    made, model, shrinkage = rounds_for(kept, search, rounds[0].base)
     effects = [one for one in search.effects if not any(one.name == event.candidate.effect.name for event in events)]
     made.append(closing_round(model, shrinkage, attrs.evolve(search, effects=effects)))
     names = ", ".join(dict.fromkeys(one.candidate.effect.name for one in events))

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.diagnosis.critical_gains import critical_gains
 from tsmblocks.diagnosis.cross_validation import held_out_residuals
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, mean_loss, ridge_weights, shrinkage_of
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.discrimination import separating_experiment
-from tsmblocks.diagnosis.forward_selection import MIN_EXCESS_SHARE, critical_gains
+from tsmblocks.diagnosis.forward_selection import MIN_EXCESS_SHARE
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram, rows_of_experiments
 from tsmblocks.diagnosis.quantities import Estimate, detectable_size
@@ -169,8 +170,9 @@ def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     """For each effect the smallest size detectable in these experiments, given the residual of the last model."""
     found: dict[str, DetectionLimit] = {}
     last = diagnosed.rounds[diagnosed.count]
-    scores = last.screening_scores or diagnosed.rounds[0].screening_scores
-    by_noise, noise = critical_gains(scores, square(last.base.r)), diagnosed.noise_variance
+    screened = last if last.screening_scores else diagnosed.rounds[0]
+    scores, noise = screened.screening_scores, diagnosed.noise_variance
+    by_noise = critical_gains(scores, square(last.base.r), screened.multiplicity)
     excess = max(diagnosed.losses[-1] - noise, 0.0)  # an effect has to remove its share of this as well
     material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
     for p in scores:

@@ -36,12 +36,13 @@ def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -
     """
     rounds, base = list(rounds), rounds[0].base
     for more in reversed(range(MAX_EFFECTS)):
-        named = [one.verdict.named for one in rounds[: accepted_count(rounds, search)] if one.verdict.named is not None]
+        accepted = rounds[: accepted_count(rounds, search)]
+        named = [one.verdict.named for one in accepted if one.verdict.named is not None]
         open_ones = [one for one in named if not _is_determined(one, rounds[len(named)].base, base)]
         if not open_ones:
             break
         outs = [open_ones[-1]] if named[-1] is open_ones[-1] else [open_ones[-1], named[-1]]
-        left = [rounds_for(rounds, [one for one in named if one is not out], search) for out in outs]
+        left = [rounds_for([one for one in accepted if one.verdict.named is not out], search, base) for out in outs]
         best = int(np.argmin([_loss(one, search) for one in left]))
         gone, (rounds, model, shrinkage) = outs[best].candidate.effect, left[best]
         search = attrs.evolve(search, effects=[one for one in search.effects if _may_follow(one, gone)])
