@@ -22,7 +22,7 @@ WORTH = 0.05
 
 
 def effect(name, contains=()):
-    return SimpleNamespace(name=name, contains=contains, free=("size",), local=())
+    return SimpleNamespace(name=name, family="map", contains=contains, free=("size",), local=())
 
 
 class Table:

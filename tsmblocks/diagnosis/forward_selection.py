@@ -274,7 +274,9 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     The first one is accepted if it removes ``MIN_EXCESS_SHARE`` of the excess; where none does, several are that
     together remove ``MIN_JOINT_SHARE``. A further one is accepted if it removes a material share of the remaining
     excess and is no mere error of form of those before: such errors are small beside the noise and beside what was
-    removed. None are accepted that leave more than a candidate at a disqualifying bound would.
+    removed, and depend on the motion where those before do, or on time.
+
+    None are accepted that leave more than a candidate at a disqualifying bound would.
     """
     losses = [mean_loss(one.losses, search.blocks) for one in rounds]
     noise = attained_noise(rounds, search)
@@ -293,10 +295,16 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             count = k if first or joint_share >= MIN_JOINT_SHARE else count
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
             all_removed = before - losses[k]
-            form_error = removed < MIN_SHARE_OF_REMOVED * all_removed
+            form_error = removed < MIN_SHARE_OF_REMOVED * all_removed and _is_like_those_before(rounds, k - 1)
             complete = share_of_rest >= MIN_JOINT_SHARE and rounds[k - 1].verdict.significance >= CLEAR_SIGNIFICANCE
             count = k if large or not form_error or complete else count
     return count
+
+
+def _is_like_those_before(rounds: Sequence[SearchRound], k: int) -> bool:
+    """Whether the effect named in round ``k`` depends on time where one named before does, or on the motion likewise."""
+    of_time = [one.verdict.named is not None and is_of_time(one.verdict.named.candidate) for one in rounds[: k + 1]]
+    return of_time[-1] in of_time[:-1]
 
 
 def attained_noise(rounds: Sequence[SearchRound], search: SearchContext) -> float:
