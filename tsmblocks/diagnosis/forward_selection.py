@@ -302,7 +302,7 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
 
 
 def _is_like_those_before(rounds: Sequence[SearchRound], k: int) -> bool:
-    """Whether the effect named in round ``k`` depends on time where one named before does, or on the motion likewise."""
+    """Whether the effect of round ``k`` is one of time where one named before is, or one of the motion likewise."""
     of_time = [one.verdict.named is not None and is_of_time(one.verdict.named.candidate) for one in rounds[: k + 1]]
     return of_time[-1] in of_time[:-1]
 

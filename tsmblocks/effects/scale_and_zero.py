@@ -31,7 +31,7 @@ GAIN = Effect(
     Gain(gain=1.0),
     {"gain": 1.0},
     ("gain",),
-    lambda scales: Trials({"gain": 0.05}),
+    lambda _: Trials({"gain": 0.05}),
     excites="any motion",
     confused=("odd_nonlinearity", "creep", "parameter_change"),
     separates="slow motion over a known distance",
