@@ -16,6 +16,8 @@ from tsmblocks.effects.effect import sizes_of
 from tsmblocks.fitting.statistics import intervals
 from tsmblocks.model.diagram import Diagram
 
+LEVEL = 0.95
+"""Confidence level of intervals. Source: convention."""
 DIFFERENCE = 1e-3
 """Step of the derivatives of sizes [standard errors]. Chosen: sizes are smooth over it, and rounding is not seen."""
 
@@ -63,6 +65,22 @@ class Estimate:
                 is_local = bool(experiment) and bool(of & set(local.values()))
                 found[f"{name}@{experiment}" if is_local else name] = quantity
         return dict(sorted(found.items(), key=lambda one: "@" in one[0]))
+
+    def is_clear_of_zero(self, candidate: Candidate) -> bool:
+        """Whether a size of an effect that is zero without it is determined; True where it has no such size.
+
+        The confidence interval of at least one excludes zero, at a level that allows for the largest of q (Sidak).
+        """
+        from scipy.special import ndtri
+
+        effect = candidate.effect
+        values = {k.removeprefix(f"{candidate.block}."): v for k, v in self.model.values.items()}
+        without = _sizes_with(candidate, {**values, **effect.null}, _units(candidate))
+        own = [
+            one for key, one in self.sizes(candidate).items() if without.get(key.partition("@")[0], (1.0, ""))[0] == 0
+        ]
+        wider = ndtri((1 + LEVEL ** (1 / max(len(own), 1))) / 2) / ndtri((1 + LEVEL) / 2)
+        return not own or any(abs(one.value) > wider * (one.high - one.low) / 2 for one in own)
 
     def _sizes(self, candidate: Candidate, columns: Mapping[str, int]) -> dict[str, tuple[Quantity, set[int]]]:
         """Sizes with the parameters in some columns, each with the columns that it depends on."""

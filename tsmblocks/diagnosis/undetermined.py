@@ -19,6 +19,7 @@ from tsmblocks.diagnosis.forward_selection import (
     rounds_for,
 )
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.quantities import Estimate
 from tsmblocks.effects import Effect, Relative
 
 MAX_TURNS = 2
@@ -59,9 +60,10 @@ def _may_follow(one: Effect | Relative, gone: Effect) -> bool:
 
 
 def _is_determined(one: FittedCandidate, model: Model, base: Model) -> bool:
-    """Whether the parameters of an effect are clear of their null values in a model that adds it to a base."""
+    """Whether the parameters and sizes of an effect are clear of those without it, in a model that adds it to a base."""
     nulls = {k: null for k, (null, _) in shrinkage_of(one.candidate).items() if np.isfinite(null)}
-    return is_determined(model, one.candidate, nulls, base)
+    clear = is_determined(model, one.candidate, nulls, base)
+    return clear and Estimate.of([base, model]).is_clear_of_zero(one.candidate)
 
 
 def _loss(left: LeftOut, search: SearchContext) -> float:
