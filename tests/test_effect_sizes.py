@@ -138,7 +138,9 @@ def test_a_size_that_is_divided_by_zero_is_left_out():
 
 def estimate(names, theta, covariance, experiments=()):
     items = tuple(Unknown(name, 0.0, -1.0, 1.0, "rad", "", experiment) for name, experiment in names)
-    model = SimpleNamespace(theta=np.array(theta), problem=SimpleNamespace(unknowns=SimpleNamespace(items=items)))
+    values = {name: value for (name, _), value in zip(names, theta, strict=True)}
+    problem = SimpleNamespace(unknowns=SimpleNamespace(items=items))
+    model = SimpleNamespace(theta=np.array(theta), problem=problem, values=values)
     return Estimate(model, np.array(covariance), np.full(len(theta), np.inf))
 
 
@@ -203,3 +205,18 @@ def test_the_file_has_sizes_beside_the_parameters():
     assert told["effects"][0]["parameters"]["half_width"]["unit"] == "rad"
     assert told["segments"][0]["detection_limits"]["backlash"]["size"]["name"] == "gap width"
     assert "size" not in told["segments"][0]["detection_limits"]["drift"]
+
+
+def test_an_effect_is_clear_of_zero_by_one_of_its_sizes():
+    names = [(f"added.{k}", "") for k in ("cosine", "sine", "cycles")]
+    ripple = candidate(effect("position_ripple"))
+    spread = np.diag([0.1, 0.1, 0.01]) ** 2
+    assert estimate(names, [0.3, 0.4, 8.0], spread).is_clear_of_zero(ripple)
+    assert not estimate(names, [0.1, 0.1, 8.0], spread).is_clear_of_zero(ripple)  # its period is, and tells nothing
+    unknown = np.diag([np.inf, np.inf, 0.01])
+    assert not estimate(names, [0.3, 0.4, 8.0], unknown).is_clear_of_zero(ripple)
+
+
+def test_an_effect_with_an_endless_null_has_no_size_to_be_clear_of():
+    names = [("added.low", ""), ("added.high", "")]
+    assert estimate(names, [-0.9, 0.9], np.eye(2)).is_clear_of_zero(candidate(effect("saturation", "output")))

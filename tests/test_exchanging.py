@@ -22,7 +22,8 @@ WORTH = 0.05
 
 
 def effect(name, contains=()):
-    return SimpleNamespace(name=name, family="map", contains=contains, free=("size",), local=())
+    family = "time" if name == "D" else "map"
+    return SimpleNamespace(name=name, family=family, contains=contains, free=("size",), local=())
 
 
 class Table:
@@ -135,6 +136,12 @@ def test_what_left_its_bounds_must_be_explained_by_all_together(searching, beyon
     """An effect out of its bounds leaves less than any one in them: two that leave still less stand in its place."""
     left = {"": 20, "A": 6, "B": 9, "AB": 1.0} if named or beyond < 1 else {"": 20, "A": 6, "B": 9, "AB": 4.5}
     assert searching(left, beyond={"": beyond})[1] == named
+
+
+def test_a_small_effect_of_time_is_no_error_of_form_of_one_of_the_motion(searching):
+    """B and D remove as little beside A; an error of the form of A depends on the motion as A does."""
+    assert searching({"": 20, "A": 1.9, "B": 18, "AB": 1.3})[0] == "A"
+    assert searching({"": 20, "A": 1.9, "D": 18, "AD": 1.3})[0] == "AD"
 
 
 def test_one_effect_is_not_looked_at_again(searching):

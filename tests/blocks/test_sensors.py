@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from tests.blocks.helpers import assert_sound, refuses, value
-from tsmblocks.blocks.sensors import Bias, Encoder, SensorNoise
+from tsmblocks.blocks.sensors import Bias, Encoder, GainError, SensorNoise
 from tsmblocks.blocks.sources import Random
 
 ANGLES = np.linspace(-7, 7, 301)
 
 
-@pytest.mark.parametrize("block", [Bias(), Encoder(), Encoder(rounding="down"), SensorNoise()])
+@pytest.mark.parametrize("block", [Bias(), GainError(), Encoder(), Encoder(rounding="down"), SensorNoise()])
 def test_sound(block):
     assert_sound(block)
 
@@ -29,6 +29,7 @@ def test_encoder():
 
 def test_bias():
     assert value(Bias(bias=0.25), u=1.0)["y"] == 1.25
+    assert value(GainError(error=0.25), u=2.0)["y"] == 2.5
 
 
 def test_noise_is_added_and_is_that_of_a_random_source():

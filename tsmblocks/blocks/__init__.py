@@ -79,6 +79,7 @@ from tsmblocks.blocks.motor import DCMotor as DCMotor
 from tsmblocks.blocks.motor import MotorTransferFunction as MotorTransferFunction
 from tsmblocks.blocks.sensors import Bias as Bias
 from tsmblocks.blocks.sensors import Encoder as Encoder
+from tsmblocks.blocks.sensors import GainError as GainError
 from tsmblocks.blocks.sensors import SensorNoise as SensorNoise
 from tsmblocks.blocks.sources import Chirp as Chirp
 from tsmblocks.blocks.sources import Constant as Constant

@@ -80,3 +80,22 @@ class Bias(Block):
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + self.bias)
+
+
+@block
+class GainError(Block):
+    r"""A gain error of a sensor: it reads a share of the signal too much, or too little.
+
+    .. math:: y = (1 + e) u
+    """
+
+    source = "definition"
+    symbol = "1 + e"
+    symbol_with_values = "1 + {error}"
+
+    error: float = parameter(default=0.0, about="error of the gain, as a share of it")
+    u = Input("true value", unit="?u")
+    y = Output("measured value", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.error * u.u)

@@ -60,7 +60,7 @@ def _may_follow(one: Effect | Relative, gone: Effect) -> bool:
 
 
 def _is_determined(one: FittedCandidate, model: Model, base: Model) -> bool:
-    """Whether the parameters and sizes of an effect are clear of those without it, in a model that adds it to a base."""
+    """Whether an effect is clear of having no size, in a model that adds it to a base."""
     nulls = {k: null for k, (null, _) in shrinkage_of(one.candidate).items() if np.isfinite(null)}
     clear = is_determined(model, one.candidate, nulls, base)
     return clear and Estimate.of([base, model]).is_clear_of_zero(one.candidate)

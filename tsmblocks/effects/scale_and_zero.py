@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import attrs
 
-from tsmblocks.blocks import Bias, Gain
+from tsmblocks.blocks import Bias, GainError
 from tsmblocks.effects.effect import Effect, in_front
-from tsmblocks.effects.sizes import PERCENT, Size, in_proportion
+from tsmblocks.effects.sizes import PERCENT, in_proportion
 from tsmblocks.effects.trials import Trials
 
 OFFSET = Effect(
@@ -23,23 +23,23 @@ OFFSET = Effect(
     separates="the sensor read at a known zero",
     sizes=(in_proportion("offset", "bias"),),
 )
-GAIN = Effect(
-    "gain",
+GAIN_ERROR = Effect(
+    "gain_error",
     "map",
     "a gain error",
     "output",
-    Gain(gain=1.0),
-    {"gain": 1.0},
-    ("gain",),
-    lambda _: Trials({"gain": 0.05}),
+    GainError(),
+    {"error": 0.0},
+    ("error",),
+    lambda _: Trials({"error": 0.05}),
     excites="any motion",
     confused=("odd_nonlinearity", "creep", "parameter_change"),
     separates="slow motion over a known distance",
-    sizes=(Size("change of the gain", lambda p, _: PERCENT * (p["gain"] - 1), "%"),),
+    sizes=(in_proportion("error of the gain", "error", "%", PERCENT),),
 )
 EFFECTS = (
-    GAIN,
-    in_front(GAIN),
+    GAIN_ERROR,
+    in_front(GAIN_ERROR),
     OFFSET,
     in_front(OFFSET, "an offset of the input"),
     attrs.evolve(

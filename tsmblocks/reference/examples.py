@@ -21,6 +21,7 @@ SLOW = MultiSine(amplitudes=(0.6, 0.36), frequencies=(0.2, 0.5), unit="rad")
 SET: dict[str, dict[str, Any]] = {
     "Bend": dict(cubic=-0.2),
     "Bias": dict(bias=0.3),
+    "GainError": dict(error=0.2),
     "Bow": dict(size=0.2),
     "BroadCreep": dict(share=0.3, fastest=0.2, slowest=20.0),
     "Creep": dict(share=0.3, time_constant=2.0),
