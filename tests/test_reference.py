@@ -15,13 +15,14 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.blocks import DeadTime, Delay, Gain, LeadLag, Play, Resonance, Sine
+from tsmblocks.blocks import DeadTime, Delay, Gain, LeadLag, Play, Resonance, Sine, Sum
 from tsmblocks.cli import main
 from tsmblocks.cli.entry import COMMANDS
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.files.shipped import shipped_names
 from tsmblocks.html.block_facts import words
 from tsmblocks.html.mathml import mathml
+from tsmblocks.model.block import Block
 from tsmblocks.reference import blocks, examples, gallery, hand_written, navigation, python, search_words, uses
 from tsmblocks.reference.trace import listing
 
@@ -413,6 +414,18 @@ def test_what_pages_say_of_feedthrough_is_what_closes_an_algebraic_loop():
 @pytest.mark.parametrize(("cls", "charts"), [(Play, 2), (LeadLag, 1), (Resonance, 1), (Sine, 1)])
 def test_what_answers_a_step_is_not_drawn_over_the_step(cls, charts):
     assert blocks._charts(cls).count("<svg") == charts
+
+
+def test_ports_that_depend_on_options_have_an_example():
+    redefined = {
+        name
+        for name, cls in BLOCKS.items()
+        if any(k in vars(base) for base in cls.mro()[: cls.mro().index(Block)] for k in ("inports", "outports"))
+    }
+    assert redefined == set(examples.OTHER_PORTS)
+    said = blocks._other_ports(Sum)
+    assert said.endswith('``Sum(signs="++-")`` has the inputs ``plus1``, ``plus2`` and ``minus`` and the output ``y``.')
+    assert blocks._other_ports(Gain) == ""
 
 
 def test_blocks_that_read_the_past_are_not_said_to_be_of_one_instant():
