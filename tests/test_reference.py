@@ -13,13 +13,18 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from PIL import Image
 
 import tsmblocks as tsm
 from tsmblocks.blocks import DeadTime, Delay, Gain, LeadLag, Play, Resonance, Sine, Sum
 from tsmblocks.cli import main
 from tsmblocks.cli.entry import COMMANDS
 from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
+from tsmblocks.diagnosis.presentation import FLOOR_WORDS
+from tsmblocks.diagnosis.text import VARIANT_WORDS
 from tsmblocks.files.shipped import shipped_names
+from tsmblocks.fitting.summary import VERDICTS
 from tsmblocks.html.block_facts import words
 from tsmblocks.html.mathml import mathml
 from tsmblocks.model.block import Block
@@ -271,6 +276,23 @@ def test_pages_show_the_version_and_offer_to_copy_code(site):
     page = read(site / "getting_started.html")
     assert f"tsmblocks {tsm.__version__}" in " ".join(page.words)
     assert any("copybutton.js" in address for address in page.loaded)
+
+
+def test_the_glossary_has_the_words_and_limits_of_the_code(site):
+    page = read(site / "glossary.html")
+    said = " ".join(" ".join(page.words).split())
+    for one in (*FLOOR_WORDS.values(), *VARIANT_WORDS.values(), f"at least {100 * MIN_VARIANCE_REDUCTION:g} %"):
+        assert one in said
+    assert {f"term-{verdict.replace(' ', '-')}" for verdict in VERDICTS.values()} <= page.anchors
+    assert not re.search(r"@\w+@", said)
+
+
+def test_figures_have_a_palette_which_keeps_pages_light(site):
+    figures = list((site / "_images").glob("*.png"))
+    assert len(figures) > 10
+    for path in figures:
+        with Image.open(path) as picture:
+            assert picture.mode == "P", path.name
 
 
 SEARCHES = {
