@@ -42,6 +42,8 @@ def test_an_expression_is_a_signal_and_the_way_in_can_be_left_out(run):
     ):
         with pytest.raises(error, match=re.escape(said)):
             run.plot(text)
+    with pytest.raises(TsmError, match=r"^a signal is given by its name, as in plot\('x_ref', 'x_out'\), got \["):
+        run.plot(["x_ref", "x_out"])
     for after in (10.0, 20.0):
         with pytest.raises(TsmError, match=rf"^after={after:g} s leaves nothing of the run, which ends at 10 s.$"):
             run.plot("x_out", after=after)

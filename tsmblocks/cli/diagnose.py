@@ -6,6 +6,7 @@ informative than one. With --out the report (report.html, one page that needs no
 network), the numbers (diagnosis.json) and the diagram with the effects added
 (augmented.toml) are written into a folder; without it only the text is printed.
 Ctrl-C, SIGTERM and --time-limit end the search with the effects identified so far.
+Terms of the result: the glossary of the reference (tsmblocks reference).
 
   tsmblocks diagnose tendon_sheath_symmetric --data bend*.csv --out found
   tsmblocks diagnose tendon_sheath_symmetric --data a.csv b.csv \

@@ -4,6 +4,7 @@ Each FILE is one experiment; its columns are matched by name to the diagram's
 inputs and outputs. By default every parameter may change, within what its
 block declares, while initial states are fixed. Ctrl-C ends the search with
 the best parameters so far. Without --out and --plot nothing is written.
+Terms of the result: the glossary of the reference (tsmblocks reference).
 
   tsmblocks fit tendon_sheath_play --data sheath.csv --out fitted.toml
   tsmblocks fit tendon_sheath_play --data a.txt b.txt \

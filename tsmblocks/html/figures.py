@@ -50,6 +50,7 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
     x = frame.across(k * gap.noise_floor)
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
     parts.append(charts.text(x, top - 9, f"noise {digits(k * gap.noise_floor)}", "middle", "floor"))
+    parts.sort(key=lambda one: one.startswith("<text"))  # numbers above the line of the noise
     words = f"rms error of {gap.output} on validation data, {' then '.join(column_titles(segment))}"
     return charts.chart(parts, bottom + 34, words)
 

@@ -76,7 +76,9 @@ REDUCTIONS = {
     "share": Reduction("share of the instants where it holds", lambda e, _: np.mean(e > 0, axis=0), (), DIMENSIONLESS),
     "settling_time": Reduction("time until the magnitude stays within a band", _settling_time, ("band",), "s"),
     "rise_time": Reduction("time from 10 % to 90 % of the step to a target", _rise_time, ("target",), "s"),
-    "overshoot": Reduction("largest excess, as a share of the step", _overshoot, ("target",), DIMENSIONLESS),
+    "overshoot": Reduction(
+        "largest excess, as a share of the step (0.12: 12 %)", _overshoot, ("target",), DIMENSIONLESS
+    ),
 }
 """Reductions by name. ``share`` is given a comparison; all others a signal."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.common.arguments import as_number
-from tsmblocks.common.errors import TsmError
+from tsmblocks.common.errors import TsmError, in_words
 from tsmblocks.data import Record, heading
 from tsmblocks.metrics.metrics import expression_samples
 from tsmblocks.metrics.tracking import tracking_error
@@ -52,6 +52,8 @@ def _over_time(
         raise TsmError(f"after={after:g} s leaves nothing of the {what}, which ends at {run.t[-1]:g} s.")
     groups: dict[str, list[tuple[str, np.ndarray]]] = {}
     for name in chosen:
+        if not isinstance(name, str):
+            raise TsmError(f"a signal is given by its name, as in plot('x_ref', 'x_out'), got {in_words(name)}.")
         values, unit = shown(*expression_samples(run, name))
         groups.setdefault(unit, []).append((name, values[kept]))
     one = hasattr(ax, "plot")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import tsmblocks.blocks as public_blocks
+from tsmblocks.common.tables import listed
 from tsmblocks.common.units import heading
 from tsmblocks.compiler.dependencies import structure_of
 from tsmblocks.files import dumps
@@ -136,7 +137,21 @@ def _ports(block: Block) -> str:
         rows.append((rst.code(name), "past", "", f"{rst.words(past.about)}: ``{past.of}``, ``{past.by}`` ago"))
     labels = [p.unit for p in block.inports.values()] + [p.unit for p in block.outports.values()]
     letters = LETTERS if any("?" in label for label in labels) else ""
-    return rst.page(rst.section("Ports", ("Port", "Kind", "Unit", "Meaning"), rows, (16, 14, 14, 56)), letters)
+    table = rst.section("Ports", ("Port", "Kind", "Unit", "Meaning"), rows, (16, 14, 14, 56))
+    return rst.page(table, letters, _other_ports(type(block)))
+
+
+def _other_ports(cls: type[Block]) -> str:
+    """The ports of a block whose ports depend on its options, for other ones than in the table; else nothing."""
+    given = examples.OTHER_PORTS.get(cls.__name__)
+    if given is None:
+        return ""
+    block = cls(**given)
+    said = [
+        f"the {kind}{'s' if len(ports) > 1 else ''} {listed([rst.code(k) for k in ports], len(ports))}"
+        for kind, ports in (("input", block.inports), ("output", block.outports))
+    ]
+    return f"The table holds for the defaults; {rst.code(examples.made(block))} has {' and '.join(said)}."
 
 
 def _numbers(block: Block, shown: Block, label: str) -> str:

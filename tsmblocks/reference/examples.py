@@ -78,6 +78,21 @@ SET: dict[str, dict[str, Any]] = {
 """Parameters that make a block's effect visible where its defaults do not (an unreached limit, a zero size)."""
 
 
+OTHER_PORTS: dict[str, dict[str, Any]] = {
+    **{name: dict(n=3) for name in ("Product", "Minimum", "Maximum", "Logic")},
+    "DCMotor": dict(load=True),
+    "DiscreteStateSpace": dict(A=((0.5,),), B=((1.0, 2.0),), C=((1.0,), (2.0,))),
+    "Enable": dict(restart="reset"),
+    "Integrator": dict(reset=True, target=True, enable=True),
+    "StateMachine": dict(
+        modes=("off", "slow", "fast"), signals=("u", "v"), transitions=("off -> slow: u > 1", "slow -> fast: v > 1")
+    ),
+    "StateSpace": dict(A=((-1.0,),), B=((1.0, 2.0),), C=((1.0,), (2.0,))),
+    "Sum": dict(signs="++-"),
+}
+"""Options and lists with which a block has other ports than by default, for each block that has such."""
+
+
 def _all(port: str, source: Block, names: str) -> dict[str, dict[str, Block]]:
     """The same source at the port of several blocks."""
     return {name: {port: source} for name in names.split()}
@@ -159,7 +174,7 @@ def run(cls: type[Block]) -> Run:
 def script(diagram: Diagram, stop: float = STOP) -> str:
     """A diagram of one level as a Python script that assembles and runs it."""
     used = sorted({type(b).__name__ for b in diagram.blocks.values()}, key=str.lower)
-    blocks = [f"        {name}={_made(block)}," for name, block in diagram.blocks.items() if isinstance(block, Block)]
+    blocks = [f"        {name}={made(block)}," for name, block in diagram.blocks.items() if isinstance(block, Block)]
     wires = [f'        "{wire}",' for wire in diagram.wires]
     shown = [f'        "{name}": "{".".join(filter(None, end))}",' for name, end in diagram.shown.items()]
     step = next((STEPS[name] for name in used if name in STEPS), STEP)
@@ -178,7 +193,7 @@ def script(diagram: Diagram, stop: float = STOP) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _made(block: Block) -> str:
+def made(block: Block) -> str:
     """A block as code: its class and the arguments that differ from their defaults."""
     given = {k: getattr(block, k) for k, f in block.fields().items() if getattr(block, k) != f.default}
     return f"{type(block).__name__}({', '.join(f'{k}={_value(v)}' for k, v in given.items())})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +19,8 @@ TALL = 150
 """Height of the part of a chart in which data are drawn [pixels]."""
 BELOW = 38
 """Distance of the label of the x axis below the data [pixels]: clear of the ticks in the letters of small charts."""
+COLOURS = 256
+"""Colours of a picture of curves. Chosen: edges stay smooth, and a file is a third as large."""
 ALIKE = 8.0
 """Ratio of two ranges up to which signals share an axis."""
 
@@ -69,3 +72,12 @@ def side_by_side(charts_made: list[str], names: list[str]) -> str:
     """Charts beside each other on a wide page, with the colours of the signals above them."""
     colours = [(LINES[k % len(LINES)], name) for k, name in enumerate(names)]
     return (part("key", colours) if len(names) > 1 else "") + part("figures", charts_made)
+
+
+def lighten(path: Path) -> None:
+    """Write a picture again with a palette of ``COLOURS``."""
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        made = picture.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    made.save(path, optimize=True)

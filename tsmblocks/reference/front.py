@@ -9,7 +9,7 @@ from tsmblocks.reference import blocks, effects, examples, figures, gallery, rst
 FIRST = "fig09a_without_feedforward"
 PARTS = (
     "installation", "getting_started", "tutorials/index", "howto/index", "gallery/index", "concepts/index",
-    "blocks/index", "diagrams/index", "effects/index", "python/index", "commands/index", "comparison",
+    "blocks/index", "diagrams/index", "effects/index", "python/index", "commands/index", "glossary", "comparison",
 )  # fmt: skip
 """Pages of the sidebar, in its order."""
 
@@ -42,6 +42,8 @@ def _begin() -> list[Card]:
     return [
         ("installation.html", "Installation", "Python 3.11 or newer and pip; no compiler.", ""),
         ("getting_started.html", "Getting started", "A loop with backlash in a few lines.", ""),
+        ("howto/response.html", "Step response of a loop", "Plot it, and measure overshoot and settling time.", ""),
+        ("tutorials/recording.html", "Diagnose a recording", "A CSV file, one command, and its report explained.", ""),
         ("tutorials/index.html", "Tutorials", "From recordings to a compensator; your own block and effect.", ""),
         ("howto/index.html", "How-to guides", "Fit, diagnose, tune, draw a Bode plot, export C: one task a page.", ""),
     ]
@@ -63,4 +65,5 @@ def _parts() -> list[Card]:
     }
     pictures = {"blocks": loop, "effects": gap}
     found = [(f"{k}/index.html", k.capitalize(), text, pictures.get(k, "")) for k, text in words.items()]
-    return [*found, ("comparison.html", "Comparison with other tools", "Features and speed, measured.", "")]
+    terms = ("glossary.html", "Glossary", "Terms in the results of a fit and of a diagnosis.", "")
+    return [*found, terms, ("comparison.html", "Comparison with other tools", "Features and speed, measured.", "")]

@@ -10,6 +10,8 @@ BEYOND = (
     ("MATLAB Function, Fcn, S-Function", "a block of your own", "/tutorials/block"),
     ("Scope, To Workspace", "``run.plot``, ``run[name]``", "/howto/plot"),
     ("In, Out, Inport, Outport", "``inputs`` and ``outputs`` of a diagram", "/getting_started"),
+    ("connect, interconnect, DiagramBuilder", "``blocks`` and ``wires`` of a diagram", "/getting_started"),
+    ("step, impulse, lsim, stepinfo", "``tsm.simulate``, ``tsm.measure``", "/howto/response"),
     ("Solver, Step size, ode4", "``method`` and ``step`` of a run", "/howto/step"),
     ("linmod, Linear Analysis", "``tsm.linearize``, ``tsm.analysis.loop_gain``", "/howto/bode"),
     ("trim, findop", "``tsm.trim``", "/howto/continue"),

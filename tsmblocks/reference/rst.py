@@ -73,8 +73,8 @@ def html(text: str) -> str:
 
 
 def image(path: str, words: str) -> str:
-    """A picture, and what it shows in words."""
-    return f".. image:: {path}\n   :alt: {words}\n"
+    """A picture, and what it shows in words, in a box that scrolls on a narrow page."""
+    return f".. container:: plot\n\n   .. image:: {path}\n      :alt: {words}\n"
 
 
 def formula(latex: str) -> str:

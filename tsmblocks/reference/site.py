@@ -15,7 +15,19 @@ from typing import Any
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.version import __version__
 from tsmblocks.html.pages import with_palettes
-from tsmblocks.reference import accessible, blocks, diagrams, effects, front, gallery, hand_written, names, python
+from tsmblocks.reference import (
+    accessible,
+    blocks,
+    diagrams,
+    effects,
+    figures,
+    front,
+    gallery,
+    glossary,
+    hand_written,
+    names,
+    python,
+)
 
 SHEET = "tsmblocks.css"
 """The style sheet, whose colours are those of all charts."""
@@ -99,7 +111,7 @@ def _write(source: Path, helps: Mapping[str, tuple[str, str]], progress: Callabl
     pictures.mkdir()
     makers: tuple[Callable[[], Mapping[str, str]], ...] = (
         front.pages, partial(hand_written.pages, pictures), partial(gallery.pages, pictures), blocks.pages, names.pages,
-        diagrams.pages, effects.pages, python.pages, partial(python.commands, helps),
+        diagrams.pages, effects.pages, glossary.pages, python.pages, partial(python.commands, helps),
     )  # fmt: skip
     settings = "\n".join(f"{key} = {value!r}" for key, value in SETTINGS.items())
     (source / "conf.py").write_text(settings + "\n", encoding="utf-8", newline="\n")
@@ -109,6 +121,8 @@ def _write(source: Path, helps: Mapping[str, tuple[str, str]], progress: Callabl
             path = source / f"{name}.rst"
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8", newline="\n")
+    for path in pictures.rglob("*.png"):
+        figures.lighten(path)
     return len(list(source.rglob("*.rst")))
 
 
