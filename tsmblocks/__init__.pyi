@@ -64,6 +64,6 @@ from tsmblocks.simulation.run import Run as Run
 from tsmblocks.simulation.sensitivities import sensitivities as sensitivities
 from tsmblocks.simulation.simulate import simulate as simulate
 from tsmblocks.simulation.stepper import Stepper as Stepper
-from tsmblocks.studies.results import read_study as read_study
+from tsmblocks.studies.saved_results import read_study as read_study
 from tsmblocks.studies.study import study as study
 from tsmblocks.tuning.tune import tune as tune
