@@ -29,8 +29,8 @@ from tsmblocks.files import dumps as dumps
 from tsmblocks.files import load as load
 from tsmblocks.files import loads as loads
 from tsmblocks.files import save as save
-from tsmblocks.fitting.compare import Comparison as Comparison
 from tsmblocks.fitting.compare import compare as compare
+from tsmblocks.fitting.comparison import Comparison as Comparison
 from tsmblocks.fitting.fit import fit as fit
 from tsmblocks.fitting.result import Fit as Fit
 from tsmblocks.fitting.score import Differences as Differences
