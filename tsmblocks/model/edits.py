@@ -13,8 +13,9 @@ import attrs
 
 from tsmblocks.common.errors import DiagramError, ParameterError, near, several
 from tsmblocks.model.aliases import field_hint
-from tsmblocks.model.block import Block, leaves, map_leaves, plain
+from tsmblocks.model.block import Block
 from tsmblocks.model.validation import name_faults, wires_fault
+from tsmblocks.model.values import leaves, map_leaves, plain
 from tsmblocks.model.wires import Fault, Link, end_text, fault_sentence, inlet_links, not_a_block, parse_chain, resolve
 
 if TYPE_CHECKING:
