@@ -39,6 +39,7 @@ from tsmblocks.metrics.metrics import measure as measure
 from tsmblocks.metrics.tracking import peak_to_peak as peak_to_peak
 from tsmblocks.metrics.tracking import rms as rms
 from tsmblocks.metrics.tracking import tracking_error as tracking_error
+from tsmblocks.model.arguments import Inlet as Inlet
 from tsmblocks.model.block import Block as Block
 from tsmblocks.model.block import Input as Input
 from tsmblocks.model.block import Output as Output
@@ -52,7 +53,6 @@ from tsmblocks.model.block import parameter as parameter
 from tsmblocks.model.block import signals as signals
 from tsmblocks.model.block import state as state
 from tsmblocks.model.diagram import Diagram as Diagram
-from tsmblocks.model.diagram import Inlet as Inlet
 from tsmblocks.optimal.control import optimal_control as optimal_control
 from tsmblocks.optimal.receding_horizon import RecedingHorizon as RecedingHorizon
 from tsmblocks.optimal.receding_horizon import receding_horizon as receding_horizon

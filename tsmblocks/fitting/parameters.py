@@ -13,7 +13,7 @@ from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.fitting.parameter_vector import Unknown
 from tsmblocks.model.block import Field, is_reference, leaves
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.model.edits import near_path
+from tsmblocks.model.parameters import near_path
 from tsmblocks.model.unit_inference import SHARED_UNIT
 
 FAR = 1e100

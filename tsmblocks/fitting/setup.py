@@ -28,7 +28,7 @@ from tsmblocks.fitting.parameters import chosen, given_bounds, is_start, numbers
 from tsmblocks.fitting.recordings import Data, recordings, windows, with_adopted_units, without_units
 from tsmblocks.fitting.residuals import Priors, Problem
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.model.edits import near_path
+from tsmblocks.model.parameters import near_path
 from tsmblocks.model.simulation import Simulation
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector

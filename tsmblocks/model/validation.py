@@ -22,7 +22,7 @@ from tsmblocks.model.values import is_reference, leaves, map_leaves
 from tsmblocks.model.wires import NAME, End, Fault, Link, fault_sentence, inlet_links, parse_chain, placed, resolve
 
 if TYPE_CHECKING:
-    from tsmblocks.model.diagram import Inlet
+    from tsmblocks.model.arguments import Inlet
 
 MOST_FAULTS = 50
 """Faults of one kind after which the search for more ends: near misses take time. Chosen: more than a person reads."""
