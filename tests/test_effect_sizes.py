@@ -19,7 +19,7 @@ from tsmblocks.diagnosis.quantities import Estimate, detectable_size
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
 from tsmblocks.effects import Scales, Size, Span, catalogue, registered
 from tsmblocks.effects.effect import parameters_of, sizes_of
-from tsmblocks.fitting.parameters import Unknown
+from tsmblocks.fitting.parameter_vector import Unknown
 
 SCALES = Scales(Span(-1.0, 1.2, 0.6, 2.0, 5.0), Span(-0.8, 0.9, 0.5, 1.5, 4.0), 0.0, 20.0, 0.01, 20.0, (3.0,), True)
 DRAWS = 20_000

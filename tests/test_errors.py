@@ -16,7 +16,7 @@ from tsmblocks.common import errors
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError, NotFinite, TsmError, in_words, near, several
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.model.edits import near_path
+from tsmblocks.model.parameters import near_path
 from tsmblocks.simulation.batch import simulate_batch
 from tsmblocks.simulation.simulate import simulate
 from tsmblocks.simulation.stability import StepWarning

@@ -34,8 +34,9 @@ from tsmblocks.files.schema import schema
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.simulation_reader import KEYS
 from tsmblocks.files.writer import split_wire
+from tsmblocks.model.arguments import DEEPEST
 from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, option, parameter
-from tsmblocks.model.diagram import DEEPEST, Diagram, Inlet
+from tsmblocks.model.diagram import Diagram, Inlet
 
 
 def loop(**changes):

@@ -29,8 +29,8 @@ from tsmblocks.files import dumps as dumps
 from tsmblocks.files import load as load
 from tsmblocks.files import loads as loads
 from tsmblocks.files import save as save
-from tsmblocks.fitting.compare import Comparison as Comparison
 from tsmblocks.fitting.compare import compare as compare
+from tsmblocks.fitting.comparison import Comparison as Comparison
 from tsmblocks.fitting.fit import fit as fit
 from tsmblocks.fitting.result import Fit as Fit
 from tsmblocks.fitting.score import Differences as Differences
@@ -39,6 +39,7 @@ from tsmblocks.metrics.metrics import measure as measure
 from tsmblocks.metrics.tracking import peak_to_peak as peak_to_peak
 from tsmblocks.metrics.tracking import rms as rms
 from tsmblocks.metrics.tracking import tracking_error as tracking_error
+from tsmblocks.model.arguments import Inlet as Inlet
 from tsmblocks.model.block import Block as Block
 from tsmblocks.model.block import Input as Input
 from tsmblocks.model.block import Output as Output
@@ -52,7 +53,6 @@ from tsmblocks.model.block import parameter as parameter
 from tsmblocks.model.block import signals as signals
 from tsmblocks.model.block import state as state
 from tsmblocks.model.diagram import Diagram as Diagram
-from tsmblocks.model.diagram import Inlet as Inlet
 from tsmblocks.optimal.control import optimal_control as optimal_control
 from tsmblocks.optimal.receding_horizon import RecedingHorizon as RecedingHorizon
 from tsmblocks.optimal.receding_horizon import receding_horizon as receding_horizon
@@ -64,6 +64,6 @@ from tsmblocks.simulation.run import Run as Run
 from tsmblocks.simulation.sensitivities import sensitivities as sensitivities
 from tsmblocks.simulation.simulate import simulate as simulate
 from tsmblocks.simulation.stepper import Stepper as Stepper
-from tsmblocks.studies.results import read_study as read_study
+from tsmblocks.studies.saved_results import read_study as read_study
 from tsmblocks.studies.study import study as study
 from tsmblocks.tuning.tune import tune as tune

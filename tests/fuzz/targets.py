@@ -23,7 +23,7 @@ from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.metrics import conditions
 from tsmblocks.metrics.metrics import metrics
 from tsmblocks.studies.files import load_study
-from tsmblocks.studies.results import read_study
+from tsmblocks.studies.saved_results import read_study
 from tsmblocks.testing.guards import read_guards
 from tsmblocks.testing.tracking import Baseline, read_baseline
 

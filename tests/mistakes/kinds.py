@@ -34,7 +34,8 @@ from tsmblocks.common.errors import (
 from tsmblocks.common.units import UnitError
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.compiler.dependencies import structure_of
-from tsmblocks.model.block import Block, Input, Output, Unchanging, block
+from tsmblocks.model.block import Block, Input, Output, block
+from tsmblocks.model.block_class import Unchanging
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.simulate import simulate
 from tsmblocks.simulation.stepper import Stepper

@@ -23,7 +23,7 @@ from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.tables import line_width
 
 if TYPE_CHECKING:
-    from tsmblocks.fitting.compare import Comparison
+    from tsmblocks.fitting.comparison import Comparison
 
 HELP = "fit several models to the same recordings and rank them on validation data"
 
@@ -138,7 +138,7 @@ def _heading(args: argparse.Namespace) -> str:
 
 def _save(results: Mapping[str, Comparison], out: Path | None) -> list[str]:
     """Write the model that is best overall, with the parameters of each group; the paths."""
-    from tsmblocks.fitting.compare import overall
+    from tsmblocks.fitting.comparison import overall
 
     best, written = overall(results)[0][0], list[str]()
     if out is None:

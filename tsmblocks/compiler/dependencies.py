@@ -16,7 +16,8 @@ import attrs
 import casadi as ca
 
 from tsmblocks.common.errors import BlockError, EquationError, clip, in_words, near
-from tsmblocks.model.block import Block, Unchanging, is_reference, leaves, signals
+from tsmblocks.model.block import Block, is_reference, leaves, signals
+from tsmblocks.model.block_class import Unchanging
 
 _PACKAGE = str(Path(__file__).parent.parent)
 

@@ -19,7 +19,7 @@ from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.diagnosis.partition import PIECE_SEPARATOR, split_into_pieces
 from tsmblocks.diagnosis.presentation import digits, in_display_units
 from tsmblocks.effects import Span, span_of
-from tsmblocks.fitting.parameters import Unknowns
+from tsmblocks.fitting.parameter_vector import Unknowns
 
 EXPERIMENT_SAMPLES = 2500
 """Samples of a proposed experiment, at the sampling step of the recordings. Chosen: as in the paper."""

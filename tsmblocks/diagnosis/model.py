@@ -20,7 +20,8 @@ from tsmblocks.fitting.memories import refined
 from tsmblocks.fitting.nearest import nearest_of
 from tsmblocks.fitting.noise import Floor
 from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, no_progress, within_bounds
-from tsmblocks.fitting.parameters import Unknown, numbers, with_initial_values
+from tsmblocks.fitting.parameter_vector import Unknown
+from tsmblocks.fitting.parameters import numbers, with_initial_values
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup, pose
 from tsmblocks.fitting.step_size import following

@@ -15,8 +15,9 @@ from tsmblocks.files.faults import DIAGRAM_KEYS, REFUSED, UNEXPECTED_ERRORS, Key
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.files.toml_text import load_text, parse_tables
 from tsmblocks.model.aliases import block_hint, field_hint
+from tsmblocks.model.arguments import DEEPEST
 from tsmblocks.model.block import REGISTRY, Block, plain, validate
-from tsmblocks.model.diagram import DEEPEST, Diagram
+from tsmblocks.model.diagram import Diagram
 
 if TYPE_CHECKING:
     from tsmblocks.files.reader import DiagramPage

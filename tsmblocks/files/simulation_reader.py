@@ -8,7 +8,7 @@ from typing import Any
 from tsmblocks.common.errors import ParameterError, clip, near
 from tsmblocks.files.faults import REFUSED, Page
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.model.edits import near_path
+from tsmblocks.model.parameters import near_path
 from tsmblocks.model.simulation import Simulation
 
 SIMULATION_KEYS = ("simulation", "start")

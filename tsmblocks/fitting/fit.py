@@ -268,7 +268,7 @@ def _method(method: str, seed: int, segments: int) -> Callable[..., OptimizerRes
 
         return gauss_newton
     if method == "ga":
-        from tsmblocks.fitting.global_search import genetic_route
+        from tsmblocks.fitting.genetic_route import genetic_route
 
         return lambda problem, start, **options: genetic_route(problem, start, ranges(problem), seed=seed, **options)
     if segments == 1:

@@ -19,7 +19,7 @@ from tsmblocks.fitting import runs
 from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import products, square
 from tsmblocks.fitting.jacobian import Jacobian
-from tsmblocks.fitting.parameters import Constraints, Unknowns
+from tsmblocks.fitting.parameter_vector import Constraints, Unknowns
 
 ROUNDING = 1e-12
 """Rounding of simulated outputs relative to the measured signals. Chosen."""

@@ -18,7 +18,7 @@ from tsmblocks.data import Record
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.experiments import signal_of, span
 from tsmblocks.fitting.inner_products import square
-from tsmblocks.fitting.parameters import Unknowns
+from tsmblocks.fitting.parameter_vector import Unknowns
 from tsmblocks.fitting.recordings import recordings, with_adopted_units
 from tsmblocks.fitting.setup import Setup, experiment_starts, set_up
 from tsmblocks.model.diagram import Diagram

@@ -23,22 +23,12 @@ from tsmblocks.fitting.constraints import ties as read_ties
 from tsmblocks.fitting.experiments import Experiment, compared, grid_step, lies_on_grid, prepare
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word
 from tsmblocks.fitting.noise import given_floors
-from tsmblocks.fitting.parameters import (
-    Unknown,
-    Unknowns,
-    chosen,
-    constraint_functions,
-    given_bounds,
-    is_start,
-    numbers,
-    unknown,
-    with_initial_values,
-    with_ties,
-)
+from tsmblocks.fitting.parameter_vector import Unknown, Unknowns, constraint_functions, with_ties
+from tsmblocks.fitting.parameters import chosen, given_bounds, is_start, numbers, unknown, with_initial_values
 from tsmblocks.fitting.recordings import Data, recordings, windows, with_adopted_units, without_units
 from tsmblocks.fitting.residuals import Priors, Problem
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.model.edits import near_path
+from tsmblocks.model.parameters import near_path
 from tsmblocks.model.simulation import Simulation
 from tsmblocks.simulation.arguments import as_diagram
 from tsmblocks.simulation.compiled import equations, parameter_vector

@@ -13,7 +13,7 @@ from tsmblocks.common.tables import columns, line_width, listed, split_columns, 
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
 from tsmblocks.fitting.above_noise import FAR, beyond_noise, factor_text
-from tsmblocks.fitting.compare import Comparison, Row, overall
+from tsmblocks.fitting.comparison import Comparison, Row, overall
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
 from tsmblocks.fitting.result import STATUS, Estimate, Fit
 from tsmblocks.fitting.score import Differences

@@ -9,7 +9,7 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.views import no_view
 from tsmblocks.data import heading
-from tsmblocks.fitting.compare import Comparison
+from tsmblocks.fitting.comparison import Comparison
 from tsmblocks.fitting.result import STATUS, Fit
 from tsmblocks.fitting.score import Difference, Differences
 from tsmblocks.fitting.text import cautions, estimate_rows, ranking_rows, residual_rows, row_doubts

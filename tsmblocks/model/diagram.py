@@ -7,86 +7,20 @@ depth; a dotted name refers to what is inside (``"motor.drive.high"``).
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import attrs
 
 from tsmblocks.common import units
-from tsmblocks.common.errors import DiagramError, ParameterError, TsmError, in_words
-from tsmblocks.common.kept import KeptFor
+from tsmblocks.common.errors import TsmError, in_words
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
-from tsmblocks.model import edits, unit_inference, validation
-from tsmblocks.model.block import Block, Input, Output, is_reference, leaves, plain
+from tsmblocks.model import edits, parameters, unit_inference
+from tsmblocks.model.arguments import Inlet, as_inlets, as_values, as_wires, caller, meaning, read_only
+from tsmblocks.model.block import Block, Input, Output
 from tsmblocks.model.simulation import Simulation
-from tsmblocks.model.wires import End, Link, chains, end_text, not_a_block, short_name
-
-_PACKAGE = str(Path(__file__).parent.parent)
-DEEPEST = 64
-"""Largest number of levels of diagrams inside diagrams. Chosen: far above any real diagram, and safe for recursion."""
-
-
-def _ports(given: Any) -> tuple[str, ...]:
-    return tuple(given) if isinstance(given, (list, tuple)) else (given,)
-
-
-@attrs.frozen
-class Inlet:
-    """An input of a diagram.
-
-    Parameters
-    ----------
-    ports : str or sequence of str
-        The input ports that it drives (``"motor.u"``).
-    unit : str, default ""
-        Its unit; ``""`` takes the unit of these ports.
-    about : str, default ""
-        Meaning of the signal.
-    """
-
-    ports: tuple[str, ...] = attrs.field(converter=_ports, eq=frozenset)
-    unit: str = ""
-    about: str = ""
-
-
-@KeptFor
-def _numbers(block: Block) -> dict[str, float]:
-    """The numbers of a block's parameters by name, without references."""
-    return {k: x for name, value in block.parameters.items() for k, x in leaves(value, name) if not is_reference(x)}
-
-
-def _frozen(given: Any) -> Any:
-    """A read-only copy of a mapping; anything else unchanged, to be refused with a message."""
-    return MappingProxyType(dict(given)) if isinstance(given, Mapping) else given
-
-
-def _inlets(given: Any) -> Any:
-    is_mapping = isinstance(given, Mapping)
-    return _frozen({k: v if isinstance(v, Inlet) else Inlet(v) for k, v in given.items()} if is_mapping else given)
-
-
-def _values(given: Any) -> Any:
-    return _frozen({k: plain(v) for k, v in given.items()} if isinstance(given, Mapping) else given)
-
-
-def _listed(wires: Any) -> Any:
-    """The wires as a tuple; one text, or no list, unchanged, to be refused with the other faults."""
-    try:
-        return wires if isinstance(wires, str) else tuple(wires)
-    except TypeError:
-        return wires
-
-
-def _caller() -> str:
-    """``file:line`` of the first frame outside this package: the line of a script that made the diagram."""
-    frame: Any = sys._getframe(1)
-    while frame and (frame.f_code.co_filename.startswith((_PACKAGE, "<attrs"))):
-        frame = frame.f_back
-    return f"{frame.f_code.co_filename}:{frame.f_lineno}" if frame else ""
+from tsmblocks.model.wires import End, Link, end_text, short_name
 
 
 @attrs.frozen(kw_only=True)
@@ -140,13 +74,13 @@ class Diagram:
 
     title: str = ""
     source: str = ""
-    blocks: Mapping[str, Block | Diagram] = attrs.field(converter=_frozen)
-    wires: tuple[str, ...] = attrs.field(default=(), converter=_listed, eq=False, repr=False)
-    inputs: Mapping[str, Inlet] = attrs.field(factory=dict, converter=_inlets)
-    outputs: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
-    values: Mapping[str, float] = attrs.field(factory=dict, converter=_values)
-    output_units: Mapping[str, str] = attrs.field(factory=dict, converter=_frozen)
-    where: str = attrs.field(factory=_caller, eq=False, repr=False)
+    blocks: Mapping[str, Block | Diagram] = attrs.field(converter=read_only)
+    wires: tuple[str, ...] = attrs.field(default=(), converter=as_wires, eq=False, repr=False)
+    inputs: Mapping[str, Inlet] = attrs.field(factory=dict, converter=as_inlets)
+    outputs: Mapping[str, str] = attrs.field(factory=dict, converter=read_only)
+    values: Mapping[str, float] = attrs.field(factory=dict, converter=as_values)
+    output_units: Mapping[str, str] = attrs.field(factory=dict, converter=read_only)
+    where: str = attrs.field(factory=caller, eq=False, repr=False)
     simulation: Simulation = attrs.field(factory=Simulation, eq=False, repr=False)
     links: tuple[Link, ...] = attrs.field(init=False, eq=frozenset, repr=False)
     inlets: Mapping[str, tuple[End, ...]] = attrs.field(init=False, eq=False, repr=False)
@@ -155,39 +89,8 @@ class Diagram:
     interface: Mapping[str, tuple[str, units.Unit]] = attrs.field(init=False, eq=False, repr=False)
 
     def __attrs_post_init__(self) -> None:
-        checked = self._checked()
-        links = tuple(dict.fromkeys(checked.links))
-        # one spelling of each end, so that "tsm" and "tsm.y" make equal diagrams
-        ports = {k: [".".join(end) for end in ends] for k, ends in checked.inlets.items()}
-        meaning = {
-            "links": links,
-            "wires": tuple(chains(links, self.blocks)),
-            "inputs": _frozen({k: attrs.evolve(v, ports=ports[k]) for k, v in self.inputs.items()}),
-            "outputs": _frozen({k: end_text(end) for k, end in checked.shown.items()}),
-            "inlets": _frozen(checked.inlets),
-            "shown": _frozen(checked.shown),
-            "port_units": _frozen(checked.port_units),
-            "interface": _frozen(checked.interface),
-        }
-        for name, value in meaning.items():
+        for name, value in meaning(self, Diagram).items():
             object.__setattr__(self, name, value)
-
-    def _checked(self) -> validation.Checked:
-        """The meaning of wires, inputs and outputs. Raises DiagramError with every fault."""
-        blocks = self.blocks
-        wrong = [*validation.kind_faults(self._fields())]
-        if not wrong:
-            wrong = [not_a_block(k, v) for k, v in blocks.items() if not isinstance(v, (Block, Diagram))]
-        if not wrong and max((b.depth for b in blocks.values() if isinstance(b, Diagram)), default=0) >= DEEPEST:
-            wrong = [f"diagrams are nested more than {DEEPEST} deep."]
-        if wrong:
-            raise DiagramError(self.title, wrong, self.where)
-        checked = validation.examine(
-            blocks, self.wires, self.inputs, self.outputs, self.values, output_units=self.output_units
-        )
-        if checked.faults:
-            raise DiagramError(self.title, checked.faults, self.where)
-        return checked
 
     # ---- as a block of another diagram
 
@@ -239,22 +142,7 @@ class Diagram:
 
         Entries of the ``values`` table are listed under their own name, not under the blocks that refer to them.
         """
-        made = {k: x for name, value in self.values.items() for k, x in leaves(value, name) if not is_reference(x)}
-        for name, block in self.blocks.items():  # this is asked for at every run with other numbers
-            numbers = block.parameters if isinstance(block, Diagram) else _numbers(block)
-            made |= {f"{name}.{key}": value for key, value in numbers.items()}
-        return made
-
-    def _entries(self, prefix: str = "") -> Iterator[tuple[Diagram, str, str, Any]]:
-        """The diagram, full name, kind and value of each number in a table and each field of a block, at any depth."""
-        for name, value in self.values.items():
-            yield self, prefix + name, "value", value
-        for name, block in self.blocks.items():
-            if isinstance(block, Diagram):
-                yield from block._entries(f"{prefix}{name}.")
-            else:
-                for key, field in block.fields().items():
-                    yield self, f"{prefix}{name}.{key}", field.kind, getattr(block, key)
+        return parameters.numbers(self)
 
     def parameter_names(self) -> Iterator[str]:
         """Yield every name that ``with_parameters`` takes, options and whole lists included.
@@ -264,10 +152,7 @@ class Diagram:
         str
             A full name (``"pid.kp"``, ``"filter.den[1]"``).
         """
-        for _, name, _, value in self._entries():
-            yield name
-            if isinstance(value, tuple):
-                yield from (leaf for leaf, _ in leaves(value, name))
+        yield from parameters.names(self)
 
     def with_parameters(self, changes: Mapping[str, Any]) -> Diagram:
         """Return the diagram with other parameters.
@@ -288,10 +173,7 @@ class Diagram:
         ParameterError
             For an unknown name, and for a value that a block refuses.
         """
-        if not isinstance(changes, Mapping) or not all(isinstance(name, str) for name in changes):
-            raise ParameterError(f"parameters must map names to numbers, got {in_words(changes)}.")
-        changed = edits.override(self, changes, self)
-        return changed.with_simulation(self.simulation.without(changes)) if self.simulation.start else changed
+        return parameters.changed(self, changes)
 
     def with_simulation(self, simulation: Simulation) -> Diagram:
         """Return the diagram with settings of its simulation on recordings.
@@ -321,14 +203,7 @@ class Diagram:
         Diagram
             The changed diagram.
         """
-        wanted = set(names)
-        changes = {
-            leaf: diagram.values[x[1:]]
-            for diagram, name, kind, value in self._entries()
-            if kind != "option"
-            for leaf, x in leaves(value, name)
-            if leaf in wanted and is_reference(x)
-        }
+        changes = parameters.referred(self, names)
         return self.with_parameters(changes) if changes else self
 
     # ---- edits
@@ -344,18 +219,15 @@ class Diagram:
         return Diagram(**{**fields, "output_units": kept})
 
     def _with_numbers(self, blocks: Mapping[str, Any], values: Mapping[str, Any]) -> Diagram:
-        """The same diagram with other numbers in blocks whose ports stay the same: wires and units are not checked.
+        """The same diagram with other numbers in blocks whose ports stay the same; nothing is checked.
 
-        That takes most of the time that a new set of parameters costs.
+        Checks of wires and units take most of the time that a new set of parameters costs.
         """
         made: Diagram = object.__new__(Diagram)
         for field in attrs.fields(Diagram):
             object.__setattr__(made, field.name, getattr(self, field.name))
-        object.__setattr__(made, "blocks", _frozen(blocks))
-        object.__setattr__(made, "values", _values(values))
-        judged = blocks if made.values != self.values else {k: b for k, b in blocks.items() if b is not self.blocks[k]}
-        if faults := list(validation.value_faults(judged, made.values, ())):
-            raise DiagramError(self.title, faults, self.where)
+        object.__setattr__(made, "blocks", read_only(blocks))
+        object.__setattr__(made, "values", as_values(values))
         return made
 
     def insert(
@@ -472,9 +344,8 @@ class Diagram:
         DiagramError
             When a wire to cut does not exist, or the result does not fit together.
         """
-        texts = {"title": title, "source": source}
-        mappings = {"blocks": blocks, "inputs": inputs, "outputs": outputs, "values": values}
-        return edits.rewire(self, cut, add, {**texts, **mappings})
+        changes = dict(title=title, source=source, blocks=blocks, inputs=inputs, outputs=outputs, values=values)
+        return edits.rewire(self, cut, add, changes)
 
     def __hash__(self) -> int:  # of parts in which most diagrams differ
         return hash((self.title, frozenset(self.blocks), frozenset(self.links)))

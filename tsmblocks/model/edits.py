@@ -1,6 +1,6 @@
-"""Edits of a diagram, and of its parameters: functions from a diagram to a new one, called by its methods.
+"""Edits of the blocks and wires of a diagram: functions from a diagram to a new one, called by its methods.
 
-The edits of wires work on one list of links, which holds the inputs and outputs of the diagram too.
+They work on one list of links, which holds the inputs and outputs of the diagram too.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import attrs
 
-from tsmblocks.common.errors import DiagramError, ParameterError, near, several
-from tsmblocks.model.aliases import field_hint
-from tsmblocks.model.block import Block, leaves, map_leaves, plain
+from tsmblocks.common.errors import DiagramError, near, several
+from tsmblocks.model.block import Block
 from tsmblocks.model.validation import name_faults, wires_fault
 from tsmblocks.model.wires import Fault, Link, end_text, fault_sentence, inlet_links, not_a_block, parse_chain, resolve
 
@@ -225,76 +224,3 @@ def rewire(diagram: Diagram, cut: Iterable[str], add: Iterable[str], changes: Ma
         gone += links
     kept = [link for link in diagram.links if link not in gone]
     return diagram._with(wires=[*kept, *add], **{k: v for k, v in changes.items() if v is not None})
-
-
-# ---- parameters by name: a dot reaches into diagrams, a bracket into lists
-
-
-def override(diagram: Diagram, changes: Mapping[str, Any], whole: Diagram, prefix: str = "") -> Diagram:
-    """See Diagram.with_parameters; ``whole`` is the outermost diagram, ``prefix`` the path from it."""
-    grouped: dict[str, dict[str, Any]] = {}
-    values = dict(diagram.values)
-    for name, value in changes.items():
-        head, _, rest = name.partition(".")
-        if head in values and not rest:
-            values[head] = value
-        elif head in diagram.blocks and rest:
-            grouped.setdefault(head, {})[rest] = value
-        else:
-            hint = near_path(prefix + name, whole.parameter_names())
-            raise ParameterError(f"diagram '{whole.title}' has no parameter '{prefix}{name}'.{hint}")
-    blocks = dict(diagram.blocks)
-    for name, part in grouped.items():
-        block = blocks[name]
-        if not isinstance(block, Block):
-            blocks[name] = override(block, part, whole, f"{prefix}{name}.")
-            continue
-        try:
-            blocks[name] = _with_fields(block, part)
-        except ParameterError as error:
-            raise ParameterError(f"{prefix}{name}: {error}") from None
-    if all(_same_ports(diagram.blocks[name], blocks[name]) for name in grouped):
-        return diagram._with_numbers(blocks, values)
-    return diagram._with(blocks=blocks, values=values)
-
-
-def _same_ports(old: Any, new: Any) -> bool:
-    """Whether a block with other values has the same ports, so that wires and units mean the same."""
-    if not isinstance(old, Block):
-        return old.interface is new.interface  # kept by ``_with_numbers``
-    return bool(old.inports == new.inports and old.outports == new.outports)
-
-
-def _with_fields(block: Block, part: Mapping[str, Any]) -> Block:
-    """A block with fields, or single elements of them (``den[1]``), changed."""
-    changes: dict[str, Any] = {}
-    owner = type(block).__name__
-    for key, value in part.items():
-        name, bracket, _ = key.partition("[")
-        if name not in block.fields():
-            raise ParameterError(f"{owner} has no parameter '{key}'.{field_hint(key, block.fields())}")
-        if not bracket:
-            changes[name] = plain(value)
-            continue
-        whole = changes.get(name, getattr(block, name))
-        known = dict(leaves(whole, name))
-        if name in known:
-            raise ParameterError(f"{owner}.{name} is one number, so there is no '{key}'.")
-        if key not in known:
-            raise ParameterError(f"{owner} has no element '{key}'.{near(key, known)}")
-        changes[name] = map_leaves(functools.partial(_replaced, key, value), whole, name)
-    return block.replace(**changes)
-
-
-def _replaced(key: str, value: Any, leaf: str, old: Any) -> Any:
-    return value if leaf == key else old
-
-
-def near_path(name: str, known: Iterable[str]) -> str:
-    """Near misses of a dotted name; for one without a dot, the names that end in it come first."""
-    known = list(dict.fromkeys(known))
-    hint = near(name, known)
-    tail = [k for k in known if k.rpartition(".")[2] == name.rpartition(".")[2]]
-    if tail and ("." not in name or not hint.startswith(" Did you mean")):
-        return f" Did you mean {' or '.join(repr(k) for k in tail[:3])}?"
-    return hint

@@ -15,13 +15,14 @@ import attrs
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import ParameterError, clip, in_words, near
-from tsmblocks.model.block import Block, is_reference, leaves, map_leaves
+from tsmblocks.model.block import Block
 from tsmblocks.model.simulation import Simulation
 from tsmblocks.model.unit_inference import Interface, unit_faults
+from tsmblocks.model.values import is_reference, leaves, map_leaves
 from tsmblocks.model.wires import NAME, End, Fault, Link, fault_sentence, inlet_links, parse_chain, placed, resolve
 
 if TYPE_CHECKING:
-    from tsmblocks.model.diagram import Inlet
+    from tsmblocks.model.arguments import Inlet
 
 MOST_FAULTS = 50
 """Faults of one kind after which the search for more ends: near misses take time. Chosen: more than a person reads."""

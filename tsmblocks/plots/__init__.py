@@ -11,7 +11,7 @@ from tsmblocks.analysis.frequency_response import FrequencyResponse
 from tsmblocks.common.views import no_view
 from tsmblocks.data.record import Record
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.fitting.compare import Comparison
+from tsmblocks.fitting.comparison import Comparison
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.score import Differences
 from tsmblocks.plots.analysis import plot_frequency_response

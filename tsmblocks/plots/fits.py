@@ -15,7 +15,7 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record, heading, noise
-from tsmblocks.fitting.compare import Comparison, overall
+from tsmblocks.fitting.comparison import Comparison, overall
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.score import Difference, Differences
 from tsmblocks.fitting.statistics import autocorrelation

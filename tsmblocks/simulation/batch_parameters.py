@@ -12,7 +12,7 @@ from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.block import Block, is_reference, leaves, map_leaves
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.model.edits import near_path
+from tsmblocks.model.parameters import near_path
 
 
 def parameter_sets(eq: Equations, diagram: Diagram, parameters: Mapping[str, Any]) -> tuple[dict[str, np.ndarray], int]:

@@ -1,8 +1,9 @@
 """Studies: many runs of one diagram, each reduced to a few numbers.
 
 Reading order: ``plans`` (which sets of parameters, drawn from ``distributions``), ``study`` (the one call), ``runner``
-(lanes, threads, executors), ``store`` (results on disk), ``results`` and ``influence`` (what is computed from them).
-``responses`` keeps signals, ``files`` reads a study from TOML with ``page``.
+(lanes, threads, executors), ``store`` and ``saved_results`` (results on disk, and read again), ``results`` and
+``influence`` (what is computed from them). ``responses`` keeps signals, ``files`` reads a study from TOML with
+``page``.
 """
 
 from tsmblocks.studies.distributions import Normal as Normal
@@ -16,5 +17,5 @@ from tsmblocks.studies.plans import table as table
 from tsmblocks.studies.responses import Responses as Responses
 from tsmblocks.studies.responses import responses as responses
 from tsmblocks.studies.results import Results as Results
-from tsmblocks.studies.results import read_study as read_study
+from tsmblocks.studies.saved_results import read_study as read_study
 from tsmblocks.studies.study import study as study

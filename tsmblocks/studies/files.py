@@ -15,7 +15,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_number
 from tsmblocks.common.errors import ParameterError, TsmError, in_words, near
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.model.edits import near_path
+from tsmblocks.model.parameters import near_path
 from tsmblocks.studies.distributions import Distribution, Normal, Uniform
 from tsmblocks.studies.page import RunPage
 from tsmblocks.studies.plans import MAX_RUNS, Plan, grid, latin_hypercube, monte_carlo, sweep

@@ -11,7 +11,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import DataError, RunError, near
+from tsmblocks.common.errors import RunError, near
 from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.tables import columns as in_columns
 from tsmblocks.common.tables import few, line_width
@@ -20,8 +20,7 @@ from tsmblocks.common.views import view
 from tsmblocks.metrics.metrics import named
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.studies.influence import influence
-from tsmblocks.studies.plans import as_column, plain
-from tsmblocks.studies.store import facts_path, parsed_cell, read_table
+from tsmblocks.studies.plans import plain
 
 QUANTILES = {"lowest": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "highest": 1.0}
 """Quantiles of a metric that a summary has."""
@@ -318,53 +317,6 @@ class Results:
 
     def __repr__(self) -> str:
         return f"Results({self.title!r}, {len(self)} of {self.count} runs, metrics {few(self.metrics)})"
-
-
-def read_study(path: str | Path) -> Results:
-    """Return results that ``study`` has written, complete or not.
-
-    Parameters
-    ----------
-    path : str or Path
-        The .csv file, beside its ``.study.json``.
-
-    Returns
-    -------
-    Results
-        The results, without diagram.
-
-    Raises
-    ------
-    DataError
-        For files that are not those of a study, with the line.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from tempfile import mkdtemp
-    >>> import tsmblocks as tsm
-    >>> path = Path(mkdtemp()) / "gains.csv"
-    >>> _ = tsm.study(tsm.load("fig16_feedforward_feedback"), {"pid.kp": [1.0, 1.5]}, "rms(u)", stop=1.0, out=path)
-    >>> tsm.read_study(path)
-    Results('Feedforward plus PID feedback of the tip', 2 of 2 runs, metrics rms(u))
-    """
-    path = Path(path)
-    table = read_table(path)
-    facts, runs = table.facts, np.array(sorted(table.rows), dtype=int)
-    try:
-        count, wanted = int(facts["runs"]), {**dict.fromkeys(facts["parameters"], ""), **facts["units"]}
-        _ = dict(facts["metrics"]), facts["title"], facts["kind"]
-    except (KeyError, TypeError, ValueError):
-        raise DataError(f"{facts_path(path)}: facts of the study are missing.") from None
-    if [named(one) for one in table.heading[1:]] != list(wanted.items()):
-        raise DataError(f"{path}:1: the heading does not have the parameters and metrics of {facts_path(path).name}.")
-    if len(runs) and runs[-1] >= count:
-        raise DataError(f"{path}: there are {count} runs, and a row of run {runs[-1]}.")
-    columns = {name: as_column([parsed_cell(table.rows[run][k]) for run in runs]) for k, name in enumerate(wanted)}
-    for name in facts["units"]:
-        if columns[name].dtype.kind != "f":
-            raise DataError(f"{path}: the column '{name}' has a value that is no number.")
-    return described_results(facts, runs, columns, path)
 
 
 def described_results(

@@ -20,7 +20,7 @@ from tsmblocks.engine.inputs import Signal
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.metrics.metrics import metrics as read_metrics
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.model.edits import near_path
+from tsmblocks.model.parameters import near_path
 from tsmblocks.simulation.arguments import RunOptions, as_diagram
 from tsmblocks.simulation.batch import warn_of_sets
 from tsmblocks.simulation.compiled import equations

@@ -13,7 +13,7 @@ from tsmblocks.common.errors import ParameterError, RunError, in_words
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.metrics.metrics import Metric, metrics
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.model.edits import near_path
+from tsmblocks.model.parameters import near_path
 from tsmblocks.simulation.arguments import RunOptions, as_diagram
 from tsmblocks.studies import Plan, Uniform
 from tsmblocks.studies.distributions import uniform_between
