@@ -8,6 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.rounding import LARGEST_PLAIN, plus_minus
 from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, binned, coordinates, words_for
@@ -19,8 +20,6 @@ MIN_BIN_BLOCKS = 3
 """Time blocks of a bin from which the standard error of its mean is estimated. Chosen."""
 MAX_SIZES = 2
 """Sizes of an effect that are reported in a sentence. Chosen: all of them are in the tables."""
-LARGEST_PLAIN = 1e5
-"""Magnitude below which numbers are written without a power of ten. Chosen: as engineers write them."""
 FLOOR_WORDS = {
     "repeats": "what differs between recordings of the same motion",
     "repeated periods": "what differs from one period of the motion to a later one",
@@ -33,17 +32,11 @@ DARKEST = 4.0
 
 
 def with_interval(q: Quantity) -> str:
-    """A number with half its interval, in as many digits: ``0.157 ± 0.011 deg``; marked where it has no interval."""
-    k, unit = display_unit(q.unit)
-    value, half = k * q.value, (k * q.high - k * q.low) / 2
+    """An estimate with half its interval: ``0.157 ± 0.011 deg``; marked where it has none."""
+    half = (q.high - q.low) / 2
     if not np.isfinite(half) or half == 0:
         return in_display_units(q.value, q.unit) + (" (not determined)" if half else "")
-    digits = 1 - int(np.floor(np.log10(half)))
-    if digits < 0 and abs(value) < LARGEST_PLAIN:
-        return f"{round(value, digits):.0f} ± {round(half, digits):.0f} {unit}".rstrip()
-    if not 0 <= digits <= 6:
-        return f"{value:.3g} ± {half:.2g} {unit}".rstrip()
-    return f"{value:z.{digits}f} ± {half:.{digits}f} {unit}".rstrip()
+    return plus_minus(q.value, half, q.unit)
 
 
 def digits(value: float) -> str:

@@ -58,7 +58,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         _traces(diagnosed),
         ceiling,
         "",
-        as_fit(diagnosed.final),
+        as_fit(diagnosed.final, base),
         complete=not remains,
         irregular=diagnosed.is_irregular,
         varies_with=diagnosed.varying.words if diagnosed.varying is not None and diagnosed.varies else "",

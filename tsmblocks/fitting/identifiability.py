@@ -9,6 +9,7 @@ from itertools import combinations
 import attrs
 import numpy as np
 
+from tsmblocks.common.rounding import plus_minus
 from tsmblocks.common.tables import listed
 from tsmblocks.fitting.column_space import column_space
 from tsmblocks.fitting.jacobian import Jacobian
@@ -73,13 +74,14 @@ def undetermined(
     low: np.ndarray | None = None,
     high: np.ndarray | None = None,
     nearest: bool = False,
+    units: Sequence[str] | None = None,
 ) -> tuple[Undetermined, ...]:
     """The parameters and combinations that are not identifiable from the data, the plainest first.
 
     ``J`` (N, p), ``r`` (N,), ``prior`` and ``held`` are those of the ``uncertainty`` that is ``known``.
     ``scales`` (p,) are the changes that count as all of a parameter (``sizes``; by default what was found,
     one for zero); ``low`` and ``high`` (p,) are bounds. ``nearest`` says that along combinations without any effect
-    the values nearest to the diagram's own were taken.
+    the values nearest to the diagram's own were taken. ``units`` (p,) are those of the parameters.
 
     Moving along a direction by all of its parameters' size must change the residuals by more than their autocorrelated
     noise can: otherwise the direction is named. For the data as a whole, that is when its confidence interval is wider
@@ -88,7 +90,8 @@ def undetermined(
     theta = np.asarray(theta, dtype=float)
     scales = np.where(theta != 0, np.abs(theta), 1.0) if scales is None else np.asarray(scales, dtype=float)
     moved = Jacobian.of(J).scaled(scales)  # what each parameter changes when moved by all of its size
-    wording = _Wording(tuple(names), moved, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
+    labels = ("",) * len(names) if units is None else tuple(units)
+    wording = _Wording(tuple(names), moved, float(np.sqrt(np.mean(np.square(r)))), theta, scales, labels)
     silent, weak = _without_effect(moved, scales, prior, held)
     found = [wording.without_influence(int(i)) for i in np.flatnonzero(silent)]
     found += [wording.combination(v, "only matter through a combination", nearest=nearest) for v in weak]
@@ -196,6 +199,7 @@ class _Wording:
     rms: float
     theta: np.ndarray
     scales: np.ndarray
+    units: tuple[str, ...]
 
     def effect(self, v: np.ndarray) -> float:
         """The change of the outputs by a hundredth of ``v``, in rms values of the residual."""
@@ -247,6 +251,7 @@ class _Wording:
     def uncertain(self, i: int, value: float, half: float, beyond: bool) -> Undetermined:
         """One parameter whose interval is wider than it, or (``beyond``) than its bounds."""
         than = "its bounds are apart" if beyond else "the parameter itself"
-        words = f"{self.names[i]} is hardly determined: {value:.3g} ± {half:.2g}, an interval wider than {than}."
+        estimate = plus_minus(value, half, self.units[i])
+        words = f"{self.names[i]} is hardly determined: {estimate}, an interval wider than {than}."
         v = np.eye(len(self.names))[i]
         return Undetermined(UNCERTAIN, (self.names[i],), (1.0,), self.effect(v), words)

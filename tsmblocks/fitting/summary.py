@@ -51,13 +51,18 @@ class _Optimum:
     undetermined: tuple[Undetermined, ...]
 
 
-def summarise(problem: Problem, setup: Setup, method: str, searches: list[OptimizerResult]) -> Fit:
-    """The result of a fit from the outcomes of its searches, best first."""
+def summarise(
+    problem: Problem, setup: Setup, method: str, searches: list[OptimizerResult], known: Uncertainty | None = None
+) -> Fit:
+    """The result of a fit from the outcomes of its searches, best first.
+
+    ``known`` is the uncertainty that it reports; by default that of a fit whose active bounds are held.
+    """
     best, unknowns = searches[0], problem.unknowns
     differences = simulated_differences(
         setup, [unknowns.parameters(best.theta, e) for e in range(len(setup.experiments))]
     )
-    optimum = _optimum(problem, best)
+    optimum = _optimum(problem, best, known)
     diagrams = {name: _fitted(setup.diagram, problem, best.theta, e) for e, name in enumerate(unknowns.experiments)}
     simulation = simulated_as(setup, [_starts_of(problem, setup, best.theta, e) for e in range(len(diagrams))])
     diagrams = {name: diagram.with_simulation(simulation) for name, diagram in diagrams.items()}
@@ -100,7 +105,7 @@ def _starts_of(problem: Problem, setup: Setup, theta: np.ndarray, e: int) -> dic
     return own
 
 
-def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
+def _optimum(problem: Problem, best: OptimizerResult, known: Uncertainty | None = None) -> _Optimum:
     """What is known where the best search ended."""
     theta, unknowns = best.theta, problem.unknowns
     residuals, jacobian = problem.jacobian(theta, best.difference_steps)
@@ -115,7 +120,8 @@ def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
     rows = gradients if len(gradients) else None
     prior = np.diag(problem.prior_derivatives(theta)[1]) if len(problem.priors.which) else None
     noise = None if prior is None else problem.noise
-    known = uncertainty(jacobian, residuals, problem.segments, prior=prior, noise=noise, held=rows)
+    if known is None:
+        known = uncertainty(jacobian, residuals, problem.segments, prior=prior, noise=noise, held=rows)
     if best.plateau is not None:  # anything between two jumps is as good
         known = attrs.evolve(known, covariance=known.covariance + np.diag(best.plateau**2 / 3))
     open_ = undetermined(
@@ -130,6 +136,7 @@ def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
         low=unknowns.low,
         high=unknowns.high,
         nearest=best.plateau is None and best.status != "interrupted",
+        units=[item.unit for item in unknowns.items],
     )
     return _Optimum(theta, residuals, jacobian, active, rows, prior, known, open_)
 

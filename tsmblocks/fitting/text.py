@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from tsmblocks.common import units
+from tsmblocks.common.rounding import decimals, fixed
 from tsmblocks.common.tables import columns, line_width, listed, split_columns, table_width
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
@@ -147,15 +148,15 @@ def tangled(fit: Fit) -> list[tuple[str, str, float]]:
 
 
 def _digits(value: float, low: float, high: float) -> Callable[[float], str]:
-    """How to show an estimate and its interval: with two digits of the half width; four digits without interval."""
+    """How to show an estimate and its interval: to the second digit of its half width; four digits without interval."""
     size, half = float(np.nanmax(np.abs([value, low, high]))), (high - low) / 2
     if not (np.isfinite(half) and half > 0 and size > 0):
         return lambda value: f"{value:.{LEAST + 1}g}"
     first = int(np.floor(np.log10(size)))
-    digits = int(np.clip(first - np.floor(np.log10(half)) + 2, LEAST, EXACT))
+    places = int(np.clip(decimals(value, half), LEAST - 1 - first, EXACT - 1 - first))
     if not -4 <= first < 6:
-        return lambda value: f"{value:.{digits - 1}e}"
-    return lambda value: f"{value:z.{max(digits - 1 - first, 0)}f}"
+        return lambda value: f"{value:.{places + first}e}"
+    return lambda value: fixed(value, max(places, 0))
 
 
 def _in_degrees(e: Estimate) -> str:
