@@ -832,6 +832,7 @@ def test_an_offset_and_an_asymmetry_that_do_the_same_are_named():
     together = next(set(u.names) for u in found.undetermined if u.kind == "combination")
     assert {"tsm.delta", "offset.bias", "tsm.zeta@a"} <= together
     assert {found[name].verdict for name in together} == {"not determined"}
+    assert all(np.isnan([found[name].low, found[name].high]).all() for name in together)  # one of the two is said
 
 
 def test_all_of_it_is_plain_json(fitted):
