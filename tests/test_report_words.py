@@ -1,5 +1,6 @@
 """What a report says to one who reads it for the first time: reasons, units, places, cautions, noise floors."""
 
+import html
 import json
 import re
 
@@ -11,6 +12,7 @@ import tsmblocks as tsm
 from tests.diagnoses import BACKLASH, DEG, LIMITS, NAMED, NONE, UNKNOWN, diagnosis, ranked
 from tsmblocks.blocks import Play
 from tsmblocks.common.tables import as_wide_as
+from tsmblocks.data.noise_floor import Noise
 from tsmblocks.diagnosis import presentation, verdict_text
 from tsmblocks.diagnosis import text as told
 from tsmblocks.diagnosis.cautions import cautions
@@ -18,6 +20,7 @@ from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.residual_location import words_for
 from tsmblocks.diagnosis.result import DetectionLimit, Quantity
 from tsmblocks.diagnosis.script import script_lines
+from tsmblocks.diagnosis.settings import FloorParts
 from tsmblocks.fitting.identifiability import Undetermined
 from tsmblocks.fitting.text import estimate_cautions
 from tsmblocks.html.report import page
@@ -118,6 +121,32 @@ def test_a_place_that_is_not_determined_is_said():
     )
     made = attrs.evolve(diagnosis(), effects=(effect,))
     assert json.loads(made.to_json())["effects"][0]["other_places"] == ["x_in -> gain.u"]
+
+
+def test_the_parts_of_a_noise_floor_and_what_each_recording_shows_are_said_everywhere():
+    (gap,) = NAMED.gaps
+    own = {
+        "full": Noise("x_out", "rad", 0.06 * DEG, None, "stand-still", 400, 190, 0.05 * DEG, 0.08 * DEG),
+        "half": Noise("x_out", "rad", 0.05 * DEG, None, "high frequencies", 400, 100, 0.04 * DEG),
+    }
+    parts = FloorParts(0.06 * DEG, 0.05 * DEG, 0.08 * DEG, 0.08 * DEG, own)
+    segment = attrs.evolve(NAMED, gaps=(attrs.evolve(gap, method="stand-still", parts=parts),))
+    words = (
+        "oise floor from stand-still: the noise while the mechanism stands still, 0.0600 deg rms (95 %: 0.0500 to "
+        "0.0800). The noise of the inputs adds 0.0800 deg rms to the simulated x_out: 0.100 deg rms together."
+    )
+    found = of(segment)
+    with as_wide_as(200):
+        text = str(found)
+    assert f"n{words}" in text.replace("\n", " ")
+    assert re.search(r"\nnoise of x_out alone \[deg\] +rms  95 % from +to  from\nfull +0.0600 +0.0500 +0.08", text)
+    assert "\nhigh frequencies: a lower limit, which sees only fast noise." in text
+    shown = html.unescape(re.sub("<[^>]*>", "", page(found))).replace("\xa0", " ")
+    assert f"N{words}" in shown
+    assert "half0.05000.0400unknownhigh frequencies" in shown
+    saved = json.loads(found.to_json())["gap"]["noise_floor_parts"]
+    assert saved["recordings"]["half"]["high"] is None
+    assert saved["from_inputs"] == pytest.approx(0.08 * DEG, rel=1e-5)
 
 
 def test_a_noise_floor_is_explained_by_what_it_contains():

@@ -15,7 +15,7 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.diagnosis.cautions import cautions
 from tsmblocks.diagnosis.plain_values import diagnosis_values, ranking_values
-from tsmblocks.diagnosis.settings import Provenance, Simulated
+from tsmblocks.diagnosis.settings import FloorParts, Provenance, Simulated
 from tsmblocks.fitting.result import Fit
 from tsmblocks.model.diagram import Diagram
 
@@ -98,7 +98,7 @@ class Gap:
 
     ``train`` and ``held_out`` hold that of the base and then one for each effect, ``experiments`` those held out by
     experiment. ``noise_floor`` is the noise of the output together with that caused by measured inputs. ``method`` is
-    how it was estimated, ``given`` the text it was given by, if it was.
+    how it was estimated, ``given`` the text it was given by, if it was, ``parts`` what an estimate consists of.
     """
 
     output: str
@@ -109,6 +109,7 @@ class Gap:
     held_out: tuple[float, ...]
     experiments: Mapping[str, tuple[float, ...]]
     given: str = ""
+    parts: FloorParts | None = None
 
 
 @attrs.frozen

@@ -20,6 +20,7 @@ from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
 from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Segment, Trace
+from tsmblocks.diagnosis.settings import FloorParts
 from tsmblocks.diagnosis.time_and_distance import second_frequency
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
 from tsmblocks.effects import Effect
@@ -27,6 +28,8 @@ from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.model.diagram import Diagram
 
+NOISE_OF_INPUTS = ", and noise of the inputs"
+"""What is added where noise of measured inputs is a part of the noise floor."""
 INPUT_NOISE_THRESHOLD = 1e-3
 """Variance caused by input noise [output noise variances] from which it is reported. Chosen: below three digits."""
 
@@ -150,8 +153,9 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         return sigma * float(np.sqrt(np.mean(r[some] ** 2)))
 
     given = diagnosed.floors.given.get(name, "")
+    from_inputs = diagnosed.search.noise.from_inputs
     if given:
-        more = ", and noise of the inputs" if diagnosed.search.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
+        more = NOISE_OF_INPUTS if from_inputs > INPUT_NOISE_THRESHOLD else ""
         given = f"{given} given{more}"
     return Gap(
         name,
@@ -162,7 +166,18 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         tuple(rms(r, rows) for r in held),
         {key: tuple(rms(r, some) for r in held) for key, some in groups.items()},
         given,
+        _floor_parts(diagnosed, name),
     )
+
+
+def _floor_parts(diagnosed: DiagnosedPart, name: str) -> FloorParts | None:
+    """What the noise floor of an output consists of; None where it was given."""
+    floors, share = diagnosed.floors, diagnosed.search.noise.from_inputs
+    if name in floors.given or name not in floors.low:
+        return None
+    sigma = floors.sigma[name]
+    from_inputs = sigma * float(np.sqrt(share)) if share > INPUT_NOISE_THRESHOLD else 0.0
+    return FloorParts(sigma, floors.low[name], floors.high[name], from_inputs, floors.recordings.get(name, {}))
 
 
 def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:

@@ -8,16 +8,18 @@ from collections.abc import Sequence
 
 from tsmblocks.common.tables import WIDTH, columns, line_width, listed, table_width
 from tsmblocks.common.views import no_view
+from tsmblocks.data.noise_floor import CONTENT
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.presentation import (
-    FLOOR_WORDS,
     by_removed,
     digits,
     display_unit,
     fitted_rms,
-    floor_text,
+    floor_methods,
+    floor_rows,
+    floor_sentence,
     in_display_units,
     output_traces,
     with_interval,
@@ -99,7 +101,8 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
     k, unit = display_unit(gap.unit)
     last = ["fitted"] if len(gap.train) == 1 else ["fit before", "fit after"]
     first = f"held-out rms of {gap.output} [{unit or 'its unit'}]"
-    floor = f"noise floor ({gap.given or gap.method})" if gap.given or gap.method not in FLOOR_WORDS else "noise floor"
+    estimated = not gap.given and gap.method in CONTENT
+    floor = "noise floor" if estimated else f"noise floor ({gap.given or gap.method})"
     made = column_titles(segment)
     room = table_width() - max(len(first), len(floor)) - sum(len(title) + 2 for title in (made[0], *last))
     width = max(MIN_HEADING_LENGTH, room // max(len(made) - 1, 1) - 2)
@@ -117,8 +120,18 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
     for name, held_out, own in rows:
         cells = [name, *(digits(k * v) for v in (*held_out, *own[: len(last)]))]
         table.append(cells + [""] * (1 + len(titles) - len(cells)))
-    below = f"\n{_filled(f'noise floor {floor_text(gap)}.')}" if floor == "noise floor" else ""
-    return f"{columns(table)}{below}"
+    return "\n".join([columns(table), *(_floor(gap) if estimated else [])])
+
+
+def _floor(gap: Gap) -> list[str]:
+    """Where a noise floor comes from, and what each recording alone shows."""
+    rows = floor_rows(gap)
+    by_recording = [
+        "",
+        columns(rows, left=(0, 4)),
+        *([_filled(f"{'; '.join(more)}.")] if (more := floor_methods(gap)) else []),
+    ]
+    return [_filled(floor_sentence(gap)), *(by_recording if rows else [])]
 
 
 def _residual_location(segment: Segment) -> list[str]:

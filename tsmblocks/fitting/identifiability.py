@@ -41,8 +41,8 @@ class Undetermined:
     matter together) or ``"uncertain"`` (an estimate whose interval is wider than the parameter itself).
     ``names`` are the parameters, ``changes`` by which share of its size each moves along the combination, the
     largest being 1; ``effect`` is what moving all of them by a hundredth of that changes, in rms values of
-    the residual. ``words`` says it in a sentence. ``exact`` is True for a combination that changes nothing but rounding:
-    then its parameters have no intervals of their own.
+    the residual. ``words`` says it in a sentence. ``exact`` is True for a combination that changes nothing but
+    rounding: then its parameters have no intervals of their own.
     """
 
     kind: str

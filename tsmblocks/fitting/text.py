@@ -13,6 +13,7 @@ from tsmblocks.common.rounding import decimals, fixed
 from tsmblocks.common.tables import columns, line_width, listed, split_columns, table_width
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
+from tsmblocks.data.noise_floor import method_text
 from tsmblocks.fitting.above_noise import FAR, beyond_noise, factor_text
 from tsmblocks.fitting.compare import Comparison, Row, overall
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
@@ -210,7 +211,7 @@ def _beside_noise(comparison: Comparison) -> list[str]:
     k, unit = for_people(comparison)
     size = f"{k * comparison.noise:.3g} {unit}".rstrip()
     text = f"{name} fits best: its error is {factor_text(ratio)} times the noise of the recordings ({size} rms, "
-    text += f"{comparison.noise_from})."
+    text += f"{method_text(comparison.noise_from)})."
     if ratio >= FAR:
         text += " Every model has an unmodelled effect. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
     return [textwrap.fill(text, line_width(), break_on_hyphens=False)]

@@ -19,6 +19,9 @@ from tsmblocks.diagnosis.presentation import (
     digits,
     display_unit,
     fitted_rms,
+    floor_methods,
+    floor_rows,
+    floor_sentence,
     floor_text,
     in_display_units,
     output_traces,
@@ -66,6 +69,7 @@ def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
         several=len(segments) > 1,
         status=STATUS.get(diagnosis.status, diagnosis.status),
         gaps=[_gap(s, g, colours) for s in segments for g in s.gaps],
+        floors=list(_floors(segments)),
         line_colours=line_colours(colours),
         disagreement=lambda segment: _disagreement(diagnosis, segment),
         darkest=f"{DARKEST:g}",
@@ -100,6 +104,15 @@ def _gap(segment: Segment, gap: Gap, colours: Sequence[tuple[str, str]]) -> Mark
     floor = f"Noise floor {digits(k * gap.noise_floor)} {unit}".rstrip() + f" ({floor_text(gap)})"
     caption = f"Rms error of {gap.output} on validation data: {', '.join(path)}. {floor}."
     return part("figure", figures.gap_bars(segment, gap), caption, [*colours, *figures.OF_BARS])
+
+
+def _floors(segments: Sequence[Segment]) -> Iterator[dict[str, Any]]:
+    """Where each estimated noise floor comes from, and what each recording alone shows."""
+    for gap in (g for s in segments for g in s.gaps if g.parts is not None):
+        head, *rows = floor_rows(gap) or [()]
+        table = table_of([head, *rows], {0, 4}, f"Noise of {gap.output} by recording", None) if rows else ""
+        text = floor_sentence(gap)
+        yield {"words": text[0].upper() + text[1:], "table": table, "methods": "; ".join(floor_methods(gap))}
 
 
 def _models(segment: Segment) -> list[str]:
