@@ -154,7 +154,8 @@ def floor_sentence(gap: Gap) -> str:
             f"{_rms(float(np.hypot(parts.value, parts.from_inputs)), gap.unit)} together."
         )
     if gap.noise_floor < LOWERED * np.hypot(parts.value, parts.from_inputs):
-        text += f" It was lowered to {_rms(gap.noise_floor, gap.unit)}, which is all that the recorded signals do not predict of the residual."
+        least = _rms(gap.noise_floor, gap.unit)
+        text += f" It was lowered to {least}, which is all that the recorded signals do not predict of the residual."
     return text
 
 

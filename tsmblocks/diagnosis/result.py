@@ -40,7 +40,8 @@ class NamedEffect:
     data, and ``separating_experiment`` is one that separates them. ``code`` is the line that adds the block. ``sizes``
     are measurable quantities (an amplitude, a gap, a frequency), derived from ``parameters``, the most informative
     first; empty for an effect that defines none. ``other_places`` are the insertion points at which the same effect is
-    indistinguishable from this one.
+    indistinguishable from this one, ``other_forms`` its indistinguishable variants, and ``why_named`` why it is named
+    rather than those.
     """
 
     name: str
@@ -57,6 +58,8 @@ class NamedEffect:
     code: str
     sizes: Mapping[str, Quantity] = attrs.field(factory=dict)
     other_places: tuple[str, ...] = ()
+    other_forms: tuple[str, ...] = ()
+    why_named: str = ""
 
 
 @attrs.frozen

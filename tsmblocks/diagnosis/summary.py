@@ -18,6 +18,7 @@ from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram,
 from tsmblocks.diagnosis.quantities import Estimate, detectable_size
 from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
+from tsmblocks.diagnosis.rejection import why_named
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
 from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Segment, Trace
 from tsmblocks.diagnosis.settings import FloorParts
@@ -107,6 +108,7 @@ def _named(
     same_name = [one.candidate for one in indistinguishable if one.candidate.effect.name == effect.name]
     points = [in_whole_diagram(one.point, diagnosed.part) for one in (candidate, *same_name)]
     _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
+    forms = dict.fromkeys(one.effect.variant for one in same_name)
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
     return NamedEffect(
@@ -125,6 +127,8 @@ def _named(
         point.code(candidate.block, effect.block),
         estimate.sizes(candidate),
         tuple(elsewhere),
+        tuple(one for one in forms if one != effect.variant),
+        why_named(same, indistinguishable),
     )
 
 

@@ -24,9 +24,10 @@ from tsmblocks.diagnosis.presentation import (
     output_traces,
     with_interval,
 )
-from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, RankedCandidate, Segment
+from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.diagnosis.verdict_text import (
+    alternatives,
     candidate_title,
     next_steps,
     percent,
@@ -257,14 +258,19 @@ def _script(diagnosis: Diagnosis) -> list[str]:
     return [*filter(None, [_filled(initial_states_text(diagnosis))]), "\n".join(lines)]
 
 
+def indistinguishable_text(effect: NamedEffect) -> str:
+    """The effects that are indistinguishable from one, why it is named, and what separates them; empty without any."""
+    others = alternatives(effect)
+    if not others:
+        return ""
+    parts = [f"{effect.name} is indistinguishable from {listed(others, 9)} with these data.", effect.why_named]
+    if effect.also_possible:
+        parts.append(f"To separate them: {effect.separating_experiment or 'another experiment'}.")
+    return " ".join(filter(None, parts))
+
+
 def _indistinguishable(segment: Segment) -> list[str]:
-    texts = [
-        f"{e.name} is indistinguishable from {listed(e.also_possible, 9)} with these data. To separate them: "
-        f"{e.separating_experiment or 'another experiment'}."
-        for e in segment.effects
-        if e.also_possible
-    ]
-    return _bullets("indistinguishable effects", texts)
+    return _bullets("indistinguishable effects", [*filter(None, map(indistinguishable_text, segment.effects))])
 
 
 def limit_text(one: DetectionLimit) -> str:

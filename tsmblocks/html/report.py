@@ -8,7 +8,6 @@ from typing import Any
 from markupsafe import Markup
 
 from tsmblocks.common.errors import TsmError
-from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.presentation import (
@@ -31,7 +30,14 @@ from tsmblocks.diagnosis.presentation import (
 )
 from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment, Trace
 from tsmblocks.diagnosis.script import script_lines
-from tsmblocks.diagnosis.text import STATUS, initial_states_text, limit_text, parameter_rows, share_across_experiments
+from tsmblocks.diagnosis.text import (
+    STATUS,
+    indistinguishable_text,
+    initial_states_text,
+    limit_text,
+    parameter_rows,
+    share_across_experiments,
+)
 from tsmblocks.diagnosis.verdict_text import (
     candidate_title,
     next_steps,
@@ -81,6 +87,7 @@ def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
         own_numbers=[_own_numbers(s) for s in segments if parameter_rows(s) or s.cautions],
         starts=initial_states_text(diagnosis),
         script=script_lines(diagnosis),
+        indistinguishable=[*filter(None, map(indistinguishable_text, effects))],
         limits=[_limits(s) for s in segments] if any(s.limits for s in segments) else (),
         tracking=_tracking(diagnosis),
         origin=_origin(diagnosis),
@@ -88,7 +95,6 @@ def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
         verdict_sentence=verdict_sentence,
         next_steps=next_steps,
         percent=percent,
-        listed=listed,
         plural=lambda things: "s" if len(things) > 1 else "",
         verdict_word=verdict_word,
     )
