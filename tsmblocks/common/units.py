@@ -207,13 +207,18 @@ def _sorted(powers: dict[str, int]) -> Dimension:
     return tuple(sorted(powers.items()))
 
 
+class AngularFrequency(str):
+    """The label of an angular frequency, such as a natural frequency: it is displayed as it is, a speed in degrees."""
+
+
+ANGULAR_FREQUENCY = AngularFrequency("rad/s")
 DISPLAY_UNITS = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2", "rad/min": "deg/min"}
 """Unit -> unit in which it is displayed."""
 
 
 def display_unit(label: str) -> tuple[float, str]:
-    """Factor and unit for display: angles and their rates in degrees, anything else unchanged."""
-    wanted = DISPLAY_UNITS.get(label, label)
+    """Factor and unit for display: angles and their rates in degrees, angular frequencies and all else unchanged."""
+    wanted = label if isinstance(label, AngularFrequency) else DISPLAY_UNITS.get(label, label)
     return (factor(label, wanted) if wanted != label else 1.0), wanted
 
 
