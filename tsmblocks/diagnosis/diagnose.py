@@ -51,6 +51,7 @@ from tsmblocks.diagnosis.partition import (
     total_delay,
     within_windows,
 )
+from tsmblocks.diagnosis.plain_states import with_plain_states
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
@@ -255,6 +256,7 @@ def _diagnosed(
         varying = varying_factor(final, settings.seed)
     notes += doubtful_floors(floors, final.residual_rms, part.diagram)
     notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes]]
+    final = final if interrupted else with_plain_states(final)
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying), interrupted
 
 
