@@ -50,12 +50,9 @@ def with_plain_states(model: Model) -> Model:
 
 def _rounded(value: float, half: float) -> float:
     """An initial state with half its interval, rounded to a part of it; to a few digits where it has none."""
-    places = (
-        decimals(0.0, half) + MORE_DECIMALS
-        if np.isfinite(half)
-        else decimals(0.0, abs(value) or 1.0) + OPEN_DIGITS - SIGNIFICANT
-    )
-    return round(float(value), places)
+    if np.isfinite(half):
+        return round(float(value), decimals(0.0, half) + MORE_DECIMALS)
+    return float(f"{value:.{OPEN_DIGITS}g}")
 
 
 def _initial_states(model: Model) -> np.ndarray:
