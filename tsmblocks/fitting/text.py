@@ -17,6 +17,7 @@ from tsmblocks.data.noise_floor import method_text
 from tsmblocks.fitting.above_noise import FAR, beyond_noise, factor_text
 from tsmblocks.fitting.compare import Comparison, Row, overall
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
+from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import STATUS, Estimate, Fit
 from tsmblocks.fitting.score import Differences
 
@@ -85,7 +86,7 @@ def residual_rows(differences: Differences) -> list[tuple[str, ...]]:
 
 def cautions(fit: Fit) -> list[str]:
     """Cautions on the estimates, the data and the model, a sentence each."""
-    return [*estimate_cautions(fit), *fit.notes, *beyond_noise(fit)]
+    return [*estimate_cautions(fit), *fit.notes, *beyond_range(fit), *beyond_noise(fit)]
 
 
 def estimate_cautions(fit: Fit) -> list[str]:

@@ -163,6 +163,7 @@ class Field:
     flat: bool = False
     omitted: Any = None
     opposite: str = ""
+    acts_at: str = ""
 
     @property
     def low(self) -> float:
@@ -212,6 +213,7 @@ def parameter(
     initial: bool = False,
     omitted: float | None = None,
     opposite: str = "",
+    acts_at: str = "",
 ) -> Any:
     """Declare a parameter: a number or a tuple that stays a symbol until the run, to be swept, fitted, differentiated.
 
@@ -239,6 +241,9 @@ def parameter(
         Value that applies where a file does not give it, if the default was different when such files were written.
     opposite : str, default ""
         Another parameter; where only that one is given, this one has the same magnitude and the opposite sign.
+    acts_at : str, default ""
+        The input whose values it is compared with, such as the speed below which friction is linear: a fit remarks
+        where recordings do not reach it.
 
     Returns
     -------
@@ -252,7 +257,7 @@ def parameter(
         gain: float = tsm.parameter(default=2.0, about="gain", unit="N*m/rad", above=0.0)
     """
     spec = Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known, initial=initial)
-    return _field(default, attrs.evolve(spec, omitted=omitted, opposite=opposite))
+    return _field(default, attrs.evolve(spec, omitted=omitted, opposite=opposite, acts_at=acts_at))
 
 
 def option(
