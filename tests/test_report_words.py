@@ -21,6 +21,9 @@ from tsmblocks.diagnosis.residual_location import words_for
 from tsmblocks.diagnosis.result import DetectionLimit, Quantity
 from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.diagnosis.settings import FloorParts
+from tsmblocks.diagnosis.variants import VARIANT_WORDS, explained, parts_of
+from tsmblocks.effects import catalogue
+from tsmblocks.effects.catalogue import relatives
 from tsmblocks.fitting.identifiability import Undetermined
 from tsmblocks.fitting.text import estimate_cautions
 from tsmblocks.html.report import page
@@ -46,7 +49,7 @@ def test_candidates_come_in_the_order_of_what_they_removed_and_those_at_a_bound_
     names = [line[2:].split("  ")[0].strip() for line in table.splitlines()[2:7]]
     assert names[:4] == ["resonance (parallel)", "backlash", "hysteresis", "drift (own sizes)"]
     assert names[4] == "jump (drive, own sizes and times)"
-    reasons = table[table.index("why not named:") :].replace("\n  ", " ").splitlines()
+    reasons = table[table.index("why not named:") : table.index("\nVariants:")].replace("\n  ", " ").splitlines()
     assert reasons == [
         "why not named:",
         "- ends at a bound (zeta): resonance (parallel)",
@@ -64,15 +67,35 @@ def test_a_wide_terminal_has_the_reasons_in_a_column():
     assert "why not named:" not in table
 
 
-def test_variants_that_do_not_speak_for_themselves_are_explained_once():
-    with as_wide_as(100):
-        text = str(of(SEEN))
-    (line,) = [part for part in text.split("\n\n") if part.startswith("removes:")]
-    assert " ".join(line.split("Variants: ")[1].split()) == (
-        "own sizes: with a separate size in each recording; own sizes and times: with a separate size at a separate "
-        "instant in each recording; drive: on the signal that drives the plant."
+def test_variants_are_explained_once_below_the_table_in_which_they_are_first():
+    later = attrs.evolve(SEEN, ranking=(*SEEN.ranking, *(attrs.evolve(r, round=2) for r in SEEN.ranking)))
+    words = (
+        "Variants: parallel: a further mode, added to the output of the model; own sizes: with a separate size in each "
+        "recording; drive: on the signal that drives the plant; own sizes and times: with a separate size at a "
+        "separate instant in each recording."
     )
+    with as_wide_as(100):
+        first, second = (part for part in str(of(later)).split("\n\n") if part.startswith("candidates, round"))
+    assert words in " ".join(first.split())
+    assert "Variants:" not in second
+    shown = re.sub("<[^>]*>", "", page(of(later)))
+    assert shown.count(words) == 1
     assert "Variants:" not in str(diagnosis())
+
+
+@pytest.mark.parametrize("effect", [*catalogue(), *relatives()], ids=lambda one: f"{one.name} {one.variant}")
+def test_every_variant_of_the_catalogue_is_explained(effect):
+    """A variant has words, or its name is in the words of the effect."""
+    row = attrs.evolve(SEEN.ranking[0], name=effect.name, variant=effect.variant, words=effect.words)
+    said = explained([row], set())
+    for part in parts_of(effect.variant):
+        assert part in VARIANT_WORDS or part in effect.words
+        assert f"{part}: {VARIANT_WORDS.get(part)}" in said or part in effect.words
+
+
+def test_a_variant_of_a_users_own_effect_is_explained_by_the_words_of_the_effect():
+    row = attrs.evolve(SEEN.ranking[0], name="cushion", variant="rubber", words="a soft stop")
+    assert explained([row], set()) == "Variants: rubber: a soft stop."
 
 
 def test_the_page_has_for_every_candidate_its_reason_and_what_it_is():

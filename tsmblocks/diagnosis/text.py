@@ -26,6 +26,7 @@ from tsmblocks.diagnosis.presentation import (
 )
 from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.diagnosis.script import script_lines
+from tsmblocks.diagnosis.variants import explained
 from tsmblocks.diagnosis.verdict_text import (
     alternatives,
     candidate_title,
@@ -44,15 +45,6 @@ NUMBERS_WIDTH = 32
 """Characters of the columns of numbers in a table of candidates. Measured."""
 MIN_TITLE_WIDTH, MIN_REASON_WIDTH = 14, 24
 """Characters that a table of candidates has at least for their names, and for reasons in a column. Chosen."""
-VARIANT_WORDS = {
-    "own sizes": "with a separate size in each recording",
-    "own sizes and times": "with a separate size at a separate instant in each recording",
-    "across": "on the output, depending on the input",
-    "drive": "on the signal that drives the plant",
-    "loop": "of the width of the hysteresis, which may be zero before",
-    "loop of the input": "of the width of the hysteresis, by the motion of the input",
-}
-"""Variants of effects whose names do not say enough, in words."""
 MAX_ROWS = 8
 """Candidates of a round that are reported. Chosen."""
 MAX_ROWS_UNNAMED = 3
@@ -142,7 +134,7 @@ def _residual_location(segment: Segment) -> list[str]:
 
 def _ranking(segment: Segment) -> list[str]:
     """The candidates that were fitted, by round, and how many were screened out."""
-    parts, variants = list[str](), list[str]()
+    parts, variants = list[str](), set[str]()
     for number in sorted({r.round for r in segment.ranking}):
         here = [r for r in segment.ranking if r.round == number]
         fitted = by_removed(r for r in here if r.fitted)
@@ -153,18 +145,16 @@ def _ranking(segment: Segment) -> list[str]:
         rest = len(here) - len(shown)
         more = f"\nOther candidates, screened out or with a smaller reduction: {rest}." if rest else ""
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
-        parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{more}")
-        variants += [name for r in shown for name in r.variant.split(", ")]
+        legend = "".join(f"\n{_filled(text)}" for text in filter(None, [explained(shown, variants)]))
+        parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{legend}{more}")
     if not parts:
         return []
     new = "new exp.: the same with whole experiments held out; " if len(segment.gaps[0].experiments) > 1 else ""
-    explained = (
+    key_words = (
         "removes: reduction of the error above the noise floor, on held-out time blocks; "
         f"{new}< 0 %: the error grows. t: t-statistic of the reduction; (in brackets) its critical value (95 %)."
     )
-    known = [f"{name}: {words}" for name, words in VARIANT_WORDS.items() if name in variants]
-    legend = [_filled(f"Variants: {'; '.join(known)}.")] if known else []
-    return [*parts, "\n".join([_filled(explained), *legend])]
+    return [*parts, _filled(key_words)]
 
 
 def _candidate_table(segment: Segment, shown: Sequence[RankedCandidate]) -> str:

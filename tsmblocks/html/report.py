@@ -38,6 +38,7 @@ from tsmblocks.diagnosis.text import (
     parameter_rows,
     share_across_experiments,
 )
+from tsmblocks.diagnosis.variants import explained
 from tsmblocks.diagnosis.verdict_text import (
     candidate_title,
     next_steps,
@@ -79,7 +80,7 @@ def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
         line_colours=line_colours(colours),
         disagreement=lambda segment: _disagreement(diagnosis, segment),
         darkest=f"{DARKEST:g}",
-        rounds=[one for s in segments for one in _rounds(s, len(diagnosis.experiments))],
+        rounds=list(_rounds(segments, len(diagnosis.experiments))),
         blocks=[(e.block, e.words, e.wire.strip(), _sizes(e), _numbers(diagnosis, e)) for e in effects],
         drawn=to_svg(diagnosis.base),
         drawn_after=_marked(diagnosis) if effects else "",
@@ -180,8 +181,9 @@ def profile_figure(curve: Profile, *, explained: bool, quiet: bool) -> Markup:
 # ---- candidates and diagrams ---------------------------------------------------------------------
 
 
-def _rounds(segment: Segment, experiments: int) -> Iterator[dict[str, Any]]:
-    for number in sorted({r.round for r in segment.ranking}):
+def _rounds(segments: Sequence[Segment], experiments: int) -> Iterator[dict[str, Any]]:
+    known = set[str]()
+    for segment, number in dict.fromkeys((s, r.round) for s in segments for r in s.ranking):
         rows = [r for r in segment.ranking if r.round == number]
         fitted = by_removed(r for r in rows if r.fitted)
         yield {
@@ -189,6 +191,7 @@ def _rounds(segment: Segment, experiments: int) -> Iterator[dict[str, Any]]:
             "number": number,
             "fitted": [_ranked(r, experiments) for r in fitted],
             "kinds": ["named" if r.named else "" for r in fitted],
+            "variants": explained(fitted, known),
             "rest": [(*_where(r), percent(r.share), r.words) for r in rows if not r.fitted],
         }
 
