@@ -33,13 +33,32 @@ def ranking(diagnosed: DiagnosedPart) -> tuple[RankedCandidate, ...]:
         extra = [tried for tried in kept if tried.candidate.effect.name not in shown]
         rows += [_fitted_row(diagnosed, number, final, tried, names) for tried in extra]
         fitted = {tried.candidate.key for tried in (*one.verdict.ranking, *extra)}
-        result += rows
+        result += _with_omitted(diagnosed, number, rows)
         result += [
             _row(diagnosed, number, one, score.candidate, score.gain / len(one.base.r))
             for score in one.screening_scores
             if score.candidate.key not in fitted
         ]
     return tuple(result)
+
+
+def _with_omitted(diagnosed: DiagnosedPart, number: int, rows: list[RankedCandidate]) -> list[RankedCandidate]:
+    """The rows of a round with the effects that were named in it and left out later, with the reason."""
+    result, last = list(rows), diagnosed.count + 1
+    for gone in diagnosed.omitted:
+        if min(gone.index + 1, last) != number:
+            continue
+        row = attrs.evolve(
+            _fitted_row(diagnosed, number, gone.searched, gone.effect, ()),
+            in_set=False,
+            named=False,
+            why_not=gone.reason,
+        )
+        same = (row.name, row.variant, row.wire)
+        result = [one for one in result if one.named or (one.name, one.variant, one.wire) != same]
+        if not any((one.name, one.variant, one.wire) == same for one in result):
+            result.append(row)
+    return result
 
 
 def _fitted_row(

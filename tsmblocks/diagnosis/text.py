@@ -24,6 +24,7 @@ from tsmblocks.diagnosis.presentation import (
     output_traces,
     with_interval,
 )
+from tsmblocks.diagnosis.rejection import LEFT_OUT
 from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.diagnosis.variants import explained
@@ -141,7 +142,7 @@ def _ranking(segment: Segment) -> list[str]:
         if not fitted:
             continue
         most = MAX_ROWS_UNNAMED if segment.effects and not any(r.named for r in fitted) else MAX_ROWS
-        shown = [r for k, r in enumerate(fitted) if k < most or r.named or r.in_set]
+        shown = [r for k, r in enumerate(fitted) if k < most or r.named or r.in_set or r.why_not in LEFT_OUT]
         rest = len(here) - len(shown)
         more = f"\nOther candidates, screened out or with a smaller reduction: {rest}." if rest else ""
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
