@@ -263,6 +263,18 @@ def times(label: str, power_of: str, exponent: int = 1) -> str:
     return f"{match[1]}/{power_of}^{int(match[2] or 1) + 1}" if match else f"{label}/{power_of}"
 
 
+def quotient(above: str, below: str) -> str:
+    """A readable label for one unit over another, ``kN/mm``; empty where they are one, or one is not known."""
+    if not above or not below or same(above, below):
+        return ""
+    label = above
+    for word, sign in _words(below):
+        name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+        for _ in range(abs(int(power or 1))):
+            label = times(label, name, -sign if int(power or 1) > 0 else sign)
+    return label
+
+
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*", re.DOTALL)
 
 
