@@ -14,6 +14,7 @@ from tsmblocks.blocks import Play
 from tsmblocks.common.tables import as_wide_as
 from tsmblocks.data.noise_floor import Noise
 from tsmblocks.diagnosis import presentation, verdict_text
+from tsmblocks.diagnosis import text as text_of_diagnosis
 from tsmblocks.diagnosis import text as told
 from tsmblocks.diagnosis.cautions import cautions
 from tsmblocks.diagnosis.model_difference import difference, in_code
@@ -330,3 +331,11 @@ def test_coordinates_of_a_voltage_are_not_called_those_of_a_motion(text, of_a_mo
     assert words_for(text, "u", "deg") == words_for(text, "u", "mm") == words_for(text, "", "") == of_a_motion
     assert words_for(text, "u", "ticks") == words_for(text, "u", "1") == of_a_motion
     assert words_for(text, "u", "V") == of_a_voltage
+
+
+def test_long_names_in_headings_are_broken_after_an_underscore_and_never_cut():
+    assert text_of_diagnosis._headings(["before", "+ position_ripple", "+ jump"], 12) == [
+        ["", "+ position_", ""],
+        ["before", "ripple", "+ jump"],
+    ]
+    assert text_of_diagnosis._headings(["before", "+ jump"], 12) == [["before", "+ jump"]]

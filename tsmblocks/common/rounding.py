@@ -7,7 +7,7 @@ import math
 from tsmblocks.common.units import display_unit
 
 SIGNIFICANT = 2
-"""Digits of an uncertainty, and the least of a value. Source: GUM (JCGM 100:2008), 7.2.6."""
+"""Digits of an uncertainty, with which the value is rounded. Source: GUM (JCGM 100:2008), 7.2.6."""
 NEGLIGIBLE = 1e-3
 """Share of its uncertainty below which a value is zero. Chosen: its digits say nothing any more."""
 LARGEST_PLAIN = 1e5
@@ -17,11 +17,11 @@ MOST_DECIMALS = 6
 
 
 def decimals(value: float, half: float) -> int:
-    """Decimals of an estimate with ``half`` an interval: to the second digit of that, and two digits at least."""
+    """Decimals of an estimate with ``half`` an interval: to the second digit of that, and one digit at least."""
     of_half = SIGNIFICANT - 1 - math.floor(math.log10(half))
     if not abs(value) > NEGLIGIBLE * half:
         return of_half
-    return max(of_half, SIGNIFICANT - 1 - math.floor(math.log10(abs(value))))
+    return max(of_half, -math.floor(math.log10(abs(value))))
 
 
 def plus_minus(value: float, half: float, unit: str = "") -> str:

@@ -113,7 +113,7 @@ def _row(
         gain,
         share_above_noise(gain, mean_loss(searched.losses, diagnosed.blocks), diagnosed),
         line=searched.verdict.critical_value,
-        words=candidate.effect.words,
+        words=candidate.words,
     )
 
 

@@ -114,7 +114,7 @@ def _named(
     return NamedEffect(
         effect.name,
         effect.family,
-        effect.words,
+        candidate.words,
         diagnosed.part.name,
         point.words(before),
         candidate.block,
@@ -194,12 +194,12 @@ def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
     for p in scores:
         detectable = max(material * len(last.base.r), by_noise[p])
-        effect, limit = p.candidate.effect, p.detection_limit(detectable)
+        effect, (limit, shape) = p.candidate.effect, p.limit_and_shape(detectable)
         parameter = next(iter(p.candidate.trials.strengths), effect.free[0])
         unit = next((i.unit for i in p.problem.unknowns.items if i.parameter == f"{p.candidate.block}.{parameter}"), "")
         old = found.get(effect.name)
         if old is None or (old.value is None and limit is not None):
-            size = ("", 0.0, "") if limit is None else detectable_size(p.candidate, parameter, limit)
+            size = ("", 0.0, "") if limit is None else detectable_size(p.candidate, parameter, limit, shape)
             found[effect.name] = DetectionLimit(effect.name, parameter, limit, unit, effect.excites, *size)
     for one in diagnosed.search.effects:
         found.setdefault(one.name, DetectionLimit(one.name, one.free[0], None, "", one.excites))

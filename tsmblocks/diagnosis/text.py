@@ -39,8 +39,8 @@ from tsmblocks.diagnosis.verdict_text import (
 )
 from tsmblocks.fitting.text import estimate_rows
 
-MAX_NAME_LENGTH, MIN_HEADING_LENGTH = 28, 14
-"""Characters at which a name in a table is cut, and those that a heading of a column has at least, in lines of 80.
+MAX_NAME_LENGTH, MIN_HEADING_LENGTH = 28, 11
+"""Characters at which a name in a table is cut, and at which a heading of a column is broken at least, in lines of 80.
 Chosen."""
 NUMBERS_WIDTH = 32
 """Characters of the columns of numbers in a table of candidates. Measured."""
@@ -100,7 +100,7 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
     made = column_titles(segment)
     room = table_width() - max(len(first), len(floor)) - sum(len(title) + 2 for title in (made[0], *last))
     width = max(MIN_HEADING_LENGTH, room // max(len(made) - 1, 1) - 2)
-    titles = [*(_cut(title, width) for title in made), *last]
+    titles = _headings([*made, *last], width)
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     rows: list[tuple[str, tuple[float, ...], tuple[float, ...]]] = [
         ("all", gap.held_out, (gap.train[0], gap.train[-1]))
@@ -110,11 +110,19 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
             (_cut(name, _name_length()), held_out, fitted.get(name, ())) for name, held_out in gap.experiments.items()
         ]
     rows.append((floor, (gap.noise_floor,), ()))
-    table = [[first, *titles]]
+    table = [["", *line] for line in titles[:-1]] + [[first, *titles[-1]]]
     for name, held_out, own in rows:
         cells = [name, *(digits(k * v) for v in (*held_out, *own[: len(last)]))]
-        table.append(cells + [""] * (1 + len(titles) - len(cells)))
+        table.append(cells + [""] * (1 + len(titles[0]) - len(cells)))
     return "\n".join([columns(table), *(_floor(gap) if estimated else [])])
+
+
+def _headings(titles: Sequence[str], width: int) -> list[list[str]]:
+    """Lines of headings of columns, in which long names are broken after an underscore."""
+    wrapped = [textwrap.wrap(title.replace("_", "_ "), width, break_long_words=False) for title in titles]
+    lines = [[line.replace("_ ", "_") for line in parts] for parts in wrapped]
+    count = max(map(len, lines))
+    return [list(row) for row in zip(*([""] * (count - len(parts)) + parts for parts in lines), strict=True)]
 
 
 def _floor(gap: Gap) -> list[str]:

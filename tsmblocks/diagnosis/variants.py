@@ -9,8 +9,8 @@ from tsmblocks.diagnosis.result import RankedCandidate
 VARIANT_WORDS = {
     "own sizes": "with a separate size in each recording",
     "own sizes and times": "with a separate size at a separate instant in each recording",
-    "input": "in front of the model, on a measured input",
-    "output": "on the measured output",
+    "input": "in front of the model",
+    "output": "at the output of the model",
     "across": "on the output, depending on the input",
     "drive": "on the signal that drives the plant",
     "speed": "where the measured motion is a speed",
