@@ -33,7 +33,7 @@ NOT_TRACKED = (
     "Whether the new model tracks a motion better was not simulated: the compensator, a fast feedback loop around the "
     "model that finds the command for a wanted motion,"
 )
-"""Why there is no consequence, up to what is wrong with the compensator."""
+"""Why there is no consequence, up to the fault of the compensator."""
 NAMES_HOLD = "The effects named do not depend on it."
 Errors = tuple[float, float]
 

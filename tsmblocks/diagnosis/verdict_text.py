@@ -60,7 +60,7 @@ def _also_possible(segment: Segment) -> str:
     if not found:
         return f"Also possible: {_no_other(segment)}."
     if len(segment.effects) == 1:
-        return f"Also possible: {listed(*found.values(), 9)}."
+        return f"Also possible: {listed(next(iter(found.values())), 9)}."
     return f"Also possible: {'; '.join(f'{listed(names, 9)} instead of {block}' for block, names in found.items())}."
 
 

@@ -134,7 +134,18 @@ class Effect:
     other_words: Mapping[str, str] = attrs.field(factory=dict, repr=False)
 
     def words_on(self, unit: str) -> str:
-        """Return the words for a signal of this unit; those of the effect where the unit is not known."""
+        """Return the words for a signal on which the effect acts.
+
+        Parameters
+        ----------
+        unit : str
+            The unit of the signal; empty where it is not known.
+
+        Returns
+        -------
+        str
+            The words for this quantity; those of the effect where it has no others.
+        """
         kind = QUANTITIES.get(parse(unit).dimension, "other") if unit else ""
         return self.other_words.get(kind, self.words)
 
