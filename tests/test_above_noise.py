@@ -5,6 +5,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import FirstOrderLag, Play
+from tsmblocks.data.noise_floor import method_text
 
 T = np.arange(0, 20, 0.02)
 X = np.radians(20) * np.sin(2 * np.pi * 0.25 * T)
@@ -35,7 +36,10 @@ def test_a_residual_far_above_the_noise_is_told_as_in_a_comparison(data):
     assert said.startswith(f"The residual of x_out is {compared.above_noise:.0f} times the noise (")
     assert f"its error is {compared.above_noise:.0f} times the noise" in str(compared)
     assert compared.above_noise > 10
-    assert f" deg rms, {compared.noise_from}): the model lacks an effect, and the intervals do not cover it." in said
+    assert (
+        f" deg rms, {method_text(compared.noise_from)}): the model lacks an effect, and the intervals do not cover it."
+        in said
+    )
     assert said in str(fit).replace("\n  ", " ")
     assert "tsm.diagnose, tsmblocks diagnose" in said
 

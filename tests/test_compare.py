@@ -253,7 +253,10 @@ def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     assert ranked.noise == pytest.approx(0.01, rel=0.15)
     assert ranked.above_noise == pytest.approx(ranked.best.figure / ranked.noise)
     assert str(ranked).startswith(f"slack fits best: its error is {ranked.above_noise:#.2g} times the noise of the")
-    assert " deg rms, repeats). " in str(ranked).replace("\n", " ") + " "
+    assert (
+        " deg rms, from repeats: what differs between recordings of the same motion). "
+        in str(ranked).replace("\n", " ") + " "
+    )
     assert "tsmblocks diagnose" not in str(ranked)
     poor = tsm.compare({"line": LINEAR}, rig(), **QUICK)
     assert poor.above_noise > 1.5

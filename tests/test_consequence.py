@@ -7,7 +7,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Lag, Play, Saturation
-from tsmblocks.diagnosis.consequence import consequence, inverse
+from tsmblocks.diagnosis.consequence import NOT_TRACKED, consequence, inverse
 
 DEG = np.pi / 180
 T = np.arange(0.0, 8.0, 0.01)
@@ -57,8 +57,7 @@ def test_a_compensator_that_makes_matters_worse_says_nothing_about_control():
         "lag", slow, after="limit.y"
     )
     assert consequence(model(low), model(low)) == (
-        "Tracking was not simulated: the loop around the model, which forms the compensator, has a larger "
-        "error than a constant command."
+        f"{NOT_TRACKED} has a larger error than a constant command. The effects named do not depend on it."
     )
 
 
@@ -73,7 +72,8 @@ def test_what_cannot_be_tracked_says_why_where_a_compensator_is_meant():
     assert consequence(two, two) == ""
     back = base.with_parameters({"gain.gain": -1.0})
     assert consequence(model(back), model(back)) == (
-        "Tracking was not simulated: the loop around the model, which forms the compensator, is unstable."
+        "Whether the new model tracks a motion better was not simulated: the compensator, a fast feedback loop around "
+        "the model that finds the command for a wanted motion, is unstable. The effects named do not depend on it."
     )
 
 

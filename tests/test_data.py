@@ -1,5 +1,6 @@
 """Reading measured data: every kind of file, every repair with its note, every refusal with its row."""
 
+import pickle
 import re
 import sys
 
@@ -509,3 +510,21 @@ def test_the_matrix_of_an_npy_file(tmp_path):
         read(tmp_path / "a.npy")
     with pytest.raises(DataError, match="this is not a NPY file of plain numbers"):
         read(tmp_path / "b.npy", columns="t, x")
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("noise_floor", " The noise of a signal is tsm.noise(record, 'NAME').floor."),
+        ("fitt", " A diagram is fitted by tsm.fit(diagram, record)."),
+        ("x", " A signal is found by its name: record['x']."),
+        ("plott", " Did you mean 'plot'?"),
+    ],
+)
+def test_what_is_no_attribute_of_a_record_is_found_elsewhere(name, hint):
+    record = tsm.Record("run", [0.0, 0.1, 0.2], {"x": [1.0, 2.0, 3.0]}, {})
+    with pytest.raises(AttributeError) as caught:
+        getattr(record, name)
+    assert str(caught.value) == f"a record has no '{name}'.{hint}"
+    assert not hasattr(record, "__array__")
+    assert pickle.loads(pickle.dumps(record)).names == ("x",)

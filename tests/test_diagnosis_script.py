@@ -242,8 +242,8 @@ def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
     )
     assert [e.name for e in segment.fit] == [e.name for e in own]
     assert segment.cautions == tuple(text for text in cautions(own) if text not in own.notes)
-    assert segment.cautions[0].startswith("gain.gain and again.gain only matter through a combination: raising ")
+    assert segment.cautions[0].startswith("gain.gain and again.gain are determined only in combination: with ")
     text = str(found)
-    assert "\nbeware:\n- gain.gain and again.gain only matter through a combination: raising " in text
+    assert "\nbeware:\n- gain.gain and again.gain are determined only in combination: with " in text
     assert "not determined" in text[text.index("parameters of the diagram, fitted with it:") : text.index("beware:")]
     assert segment.cautions[0] in json.loads(found.to_json())["segments"][0]["cautions"]

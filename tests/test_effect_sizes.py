@@ -177,13 +177,23 @@ def test_sizes_of_parameters_of_each_experiment_are_given_for_each():
 
 
 def test_detection_limits_are_sizes_where_these_are_in_proportion():
-    assert detectable_size(candidate(effect("position_ripple")), "cosine", 0.01) == ("amplitude", 0.01, "")
-    assert detectable_size(candidate(effect("backlash")), "half_width", 0.01) == ("gap width", 0.02, "")
-    assert detectable_size(candidate(effect("resonance")), "share", 0.1)[0] == "share of the signal"
-    name, value, _ = detectable_size(candidate(effect("saturation", "output")), "low", 0.9)
+    assert detectable_size(candidate(effect("position_ripple")), "cosine", 0.01, {}) == ("amplitude", 0.01, "")
+    assert detectable_size(candidate(effect("backlash")), "half_width", 0.01, {}) == ("gap width", 0.02, "")
+    assert detectable_size(candidate(effect("resonance")), "share", 0.1, {})[0] == "share of the signal"
+    name, value, _ = detectable_size(candidate(effect("saturation", "output")), "low", 0.9, {})
     assert (name, value) == ("lower limit", -0.9)
-    bow = effect("odd_nonlinearity", "bow")
-    assert detectable_size(candidate(bow), "size", 0.1) == ("", 0.0, "")  # its slope depends on the width as well
+
+
+def test_a_size_that_depends_on_the_shape_is_that_of_the_shape_with_the_limit():
+    memory = candidate(effect("nonlocal_memory", "output"))
+    shape = memory.trials.shapes[0]
+    name, value, _ = detectable_size(memory, "weights[0]", 0.2, shape)
+    assert name == "loop width"
+    assert value == pytest.approx(2 * 0.2 * shape["radii[0]"])
+    bow = candidate(effect("odd_nonlinearity", "bow"))  # its slope depends on the width as well
+    slopes = [detectable_size(bow, "size", 0.1, shape) for shape in bow.trials.shapes]
+    assert {name for name, _, _ in slopes} == {"slope added in the middle"}
+    assert len({value for _, value, _ in slopes}) > 1
 
 
 def test_texts_and_files_report_the_size_and_not_a_coefficient():

@@ -380,3 +380,23 @@ def test_what_is_refused(row):
     with pytest.raises(row.error) as caught:
         row.make()
     assert said(caught.value) == row.text
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "words"),
+    [
+        ("position_ripple", "kN", "a ripple over the value of the signal"),
+        ("position_ripple", "mm", "a ripple over the position (eccentricity)"),
+        ("position_ripple", "", "a ripple over the position (eccentricity)"),
+        ("load_offset", "deg", "an offset of the command"),
+        ("load_offset", "V", "an offset of the load"),
+        ("backlash", "kN", "a backlash gap"),
+    ],
+)
+def test_words_fit_the_quantity_of_the_signal(name, unit, words):
+    assert next(e for e in catalogue() if e.name == name).words_on(unit) == words
+
+
+def test_words_of_an_effect_in_front_of_the_model_say_so_for_every_quantity():
+    one = next(e for e in catalogue() if (e.name, e.variant) == ("position_ripple", "input"))
+    assert one.words_on("kN") == "a ripple over the value of the signal, in front of the model"

@@ -832,6 +832,7 @@ def test_an_offset_and_an_asymmetry_that_do_the_same_are_named():
     together = next(set(u.names) for u in found.undetermined if u.kind == "combination")
     assert {"tsm.delta", "offset.bias", "tsm.zeta@a"} <= together
     assert {found[name].verdict for name in together} == {"not determined"}
+    assert all(np.isnan([found[name].low, found[name].high]).all() for name in together)  # one of the two is said
 
 
 def test_all_of_it_is_plain_json(fitted):
@@ -864,3 +865,17 @@ def test_estimates_are_had_by_name_or_its_end(fitted):
     assert [e.name for e in fitted] == list(fitted.names)
     assert set(fitted.values) == set(fitted.names)
     assert attrs.asdict(fitted["theta"]) == fitted["theta"].to_dict()
+
+
+def test_a_gain_has_the_unit_of_its_output_over_that_of_its_input():
+    spring = tsm.Diagram(
+        title="spring",
+        blocks={"spring": Gain(gain=0.5)},
+        inputs={"x": tsm.Inlet(["spring.u"], unit="mm")},
+        outputs={"F": "spring"},
+        output_units={"F": "kN"},
+    )
+    data = tsm.Record("pull", T, {"x": U, "F": noisy(0.3 * U, 0.01)}, {"x": "mm", "F": "kN"})
+    found = tsm.fit(spring, data, starts=1)
+    assert found["spring.gain"].unit == "kN/mm"
+    assert next(line for line in str(found).splitlines() if line.startswith("spring.gain")).endswith(" kN/mm")

@@ -14,6 +14,7 @@ from scipy import linalg, signal, stats
 import tsmblocks as tsm
 from tests.tolerances import EXACT
 from tsmblocks.common.errors import DataError
+from tsmblocks.common.rounding import plus_minus
 from tsmblocks.fitting.identifiability import UNCERTAIN, Undetermined, _Wording, sizes, undetermined
 from tsmblocks.fitting.inner_products import product
 from tsmblocks.fitting.jacobian import Jacobian
@@ -496,12 +497,10 @@ def test_the_state_of_bouc_wen_has_no_size_of_its_own():
     # alpha_zeta c, A / c, beta c^(n-1), gamma c^(n-1); A and gamma are negative
     np.testing.assert_allclose(only.changes, [1.0, 1.0, 0.0217, -0.0217], rtol=1e-6)
     assert only.effect < 1e-9
-    words, _, rest = only.words.partition(" changes the outputs by ")
-    assert words == (
-        "tsm.alpha_zeta and tsm.A only matter through a combination: raising tsm.alpha_zeta by 1 % "
-        "while raising tsm.A by 1 % (and tsm.beta and tsm.gamma by much smaller amounts)"
+    assert only.words == (
+        "tsm.alpha_zeta and tsm.A are determined only in combination: with tsm.alpha_zeta 1 % higher and tsm.A 1 % "
+        "higher (and tsm.beta and tsm.gamma adjusted), the outputs stay the same."
     )
-    assert rest.endswith(" of the residual.")
 
 
 def test_a_product_is_told_in_shares_of_what_was_found():
@@ -511,7 +510,7 @@ def test_a_product_is_told_in_shares_of_what_was_found():
     J, e = np.column_stack([m * x, k * x]), 0.01 * np.random.default_rng(0).standard_normal(500)
     theta = np.array([k, m])
     (only,) = undetermined(J, e, ["k", "m"], theta, uncertainty(J, e), scales=np.array([4.0, 2.0]))
-    assert only.words.startswith("k and m only matter through a combination: raising k by 1 % while lowering m by 1 %")
+    assert only.words.startswith("k and m are determined only in combination: with k 1 % higher and m 1 % lower, ")
     assert only.changes == pytest.approx((1.0, -0.25))
 
 
@@ -519,20 +518,35 @@ def test_a_parameter_that_was_found_near_zero_moves_by_a_number():
     x = np.sin(np.arange(500) * 0.1)
     J, e = np.column_stack([x, x]), 0.01 * np.random.default_rng(0).standard_normal(500)
     (only,) = undetermined(J, e, ["a", "b"], np.array([2.0, 0.0]), uncertainty(J, e), scales=np.array([2.0, 1.0]))
-    assert only.words.startswith("a and b only matter through a combination: raising a by 1 % while lowering b by 0.02")
+    assert only.words.startswith("a and b are determined only in combination: with a 1 % higher and b 0.02 lower, ")
 
 
 def test_a_combination_of_many_is_told_by_the_largest():
     x = np.sin(np.arange(500) * 0.1)
-    one = _Wording(tuple("abcdefghi"), Jacobian.of(np.array([x] * 9).T), 0.01, np.ones(9), np.ones(9)).combination(
-        np.linspace(1, 0.2, 9), "are indistinguishable with these data"
+    moved = Jacobian.of(np.array([x] * 9).T)
+    one = _Wording(tuple("abcdefghi"), moved, 0.01, np.ones(9), np.ones(9), ("",) * 9).combination(
+        np.linspace(1, 0.2, 9), exact=False
     )
-    assert one.words.startswith(
-        "a, b, c, d, e and 4 more are indistinguishable with these data: raising a by 1 % while raising b by 0.9 %, "
-        "raising c by 0.8 %, "
-        "raising d by 0.7 %, raising e by 0.6 % and moving 4 more changes the outputs by "
+    assert one.words == (
+        "a, b, c, d, e and 4 more are indistinguishable with these data: with a 1 % higher, b 0.9 % higher, c 0.8 % "
+        "higher, d 0.7 % higher, e 0.6 % higher and 4 more changed, the outputs change by no more than 4 times the "
+        "residual."
     )
     assert len(one.names) == 9
+
+
+def test_initial_states_in_a_combination_are_mentioned_beside_its_parameters():
+    x = np.sin(np.arange(500) * 0.1)
+    moved, names = Jacobian.of(np.column_stack([x, x, x])), ("gain", "gap.gain", "gap.m@rec1")
+    one = _Wording(names, moved, 0.01, np.ones(3), np.ones(3), ("",) * 3).combination(
+        np.array([1.0, -0.6, -0.4]), exact=True, nearest=True
+    )
+    assert one.names == names
+    assert one.words == (
+        "gain and gap.gain are determined only in combination: with gain 1 % higher and gap.gain 0.6 % lower (and "
+        "gap.m@rec1 adjusted), the outputs stay the same. Of the values that fit equally well, those nearest to the "
+        "diagram's own are used."
+    )
 
 
 def test_with_the_scale_fixed_bouc_wen_is_determined():
@@ -594,7 +608,7 @@ def test_one_uncertain_parameter_does_not_drag_others_in():
 def test_a_perfect_fit_still_names_what_is_redundant():
     (only,) = bouc_wen(BOUC_WEN[:5], TWO_TONES, T, noise=0.0)
     assert only.effect == math.inf  # nothing to compare with
-    assert only.words.endswith("changes the outputs by no more than rounding.")
+    assert only.words.endswith("the outputs stay the same.")
 
 
 def well_posed(seed, n, p):
@@ -633,7 +647,7 @@ def test_a_single_parameter_that_noise_hides():
     half = intervals(theta, known.covariance, known.freedom)[1][1] - theta[1]
     assert only.kind == "uncertain"
     assert only.words == (
-        f"b is hardly determined: {theta[1]:.3g} ± {half:.2g}, an interval wider than the parameter itself."
+        f"b is hardly determined: {plus_minus(theta[1], half)}, an interval wider than the parameter itself."
     )
     big = sizes(theta, 1e9 * theta, np.full(3, -np.inf), np.full(3, np.inf))
     assert undetermined(J, r, ["a", "b", "c"], theta, known, scales=big) == ()
@@ -647,7 +661,7 @@ def test_an_interval_wider_than_the_bounds():
     low, high = theta - room, theta + room
     (only,) = undetermined(J, r, ["a", "b"], theta, known, low=low, high=high)
     assert only.words == (
-        f"b is hardly determined: {theta[1]:.3g} ± {half[1]:.2g}, an interval wider than its bounds are apart."
+        f"b is hardly determined: {plus_minus(theta[1], half[1])}, an interval wider than its bounds are apart."
     )
 
 

@@ -6,6 +6,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.blocks import Bias, Gain
 from tsmblocks.diagnosis.own_instants import Products, for_each, joined, moved, noise_gains
+from tsmblocks.diagnosis.rejection import RECURRING
 from tsmblocks.fitting.column_space import column_space
 from tsmblocks.fitting.jacobian import Jacobian
 
@@ -55,6 +56,10 @@ def test_changes_that_come_and_go_at_many_instants_are_not_named():
     found = tsm.diagnose(BASE, recordings(loosening), effects=OF_TIME)
     assert not found.effects
     assert any("comes and goes so often" in note for note in found.notes)
+    rows = [row for segment in found.segments for row in segment.ranking if row.why_not == RECURRING]
+    assert rows
+    assert all(row.fitted and not row.named and not row.in_set for row in rows)
+    assert RECURRING in " ".join(str(found).split())
 
 
 def test_shapes_are_put_together_experiment_by_experiment():

@@ -20,9 +20,9 @@ from tsmblocks.blocks import DeadTime, Delay, Gain, LeadLag, Play, Resonance, Si
 from tsmblocks.cli import main
 from tsmblocks.cli.entry import COMMANDS
 from tsmblocks.compiler.compile import compile_diagram
+from tsmblocks.data.noise_floor import CONTENT
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
-from tsmblocks.diagnosis.presentation import FLOOR_WORDS
-from tsmblocks.diagnosis.text import VARIANT_WORDS
+from tsmblocks.diagnosis.variants import VARIANT_WORDS
 from tsmblocks.files.shipped import shipped_names
 from tsmblocks.fitting.summary import VERDICTS
 from tsmblocks.html.block_facts import words
@@ -281,7 +281,7 @@ def test_pages_show_the_version_and_offer_to_copy_code(site):
 def test_the_glossary_has_the_words_and_limits_of_the_code(site):
     page = read(site / "glossary.html")
     said = " ".join(" ".join(page.words).split())
-    for one in (*FLOOR_WORDS.values(), *VARIANT_WORDS.values(), f"at least {100 * MIN_VARIANCE_REDUCTION:g} %"):
+    for one in (*CONTENT.values(), *VARIANT_WORDS.values(), f"at least {100 * MIN_VARIANCE_REDUCTION:g} %"):
         assert one in said
     assert {f"term-{verdict.replace(' ', '-')}" for verdict in VERDICTS.values()} <= page.anchors
     assert not re.search(r"@\w+@", said)

@@ -9,7 +9,7 @@ import tsmblocks as tsm
 from tsmblocks.blocks import Play
 from tsmblocks.diagnosis import rejection
 from tsmblocks.diagnosis.ranking import share_above_noise
-from tsmblocks.diagnosis.rejection import why_not
+from tsmblocks.diagnosis.rejection import why_named, why_not
 
 BLOCKS = SimpleNamespace(sizes=np.ones(4))
 
@@ -81,7 +81,7 @@ def test_beside_the_one_named_the_others_leave_more_or_are_more_general():
 
 def test_a_round_without_an_effect_says_why_its_best_was_not_accepted():
     best = candidate("gap", 1.3)
-    assert reason(best, named=best) == rejection.STANDS_IN
+    assert reason(best, named=best) == rejection.EXPLAINED_BY_OTHER
     small = candidate("gap", 1.8)
     assert reason(small, named=small) == rejection.TOO_LITTLE
     assert reason(small, named=small, out_of_bounds=1.1) == "another, at a bound, leaves less"
@@ -89,6 +89,17 @@ def test_a_round_without_an_effect_says_why_its_best_was_not_accepted():
     assert reason(best) == rejection.NOT_ACCEPTED
     later = why_not(diagnosed(1), 2, searched([best], named=best), best, 9.0)
     assert later == rejection.NOT_ACCEPTED
+
+
+def test_why_an_effect_is_named_rather_than_its_equals():
+    gap, lag, loop = candidate("gap", 1.0, parameters=3), candidate("lag", 1.1, parameters=4), candidate("loop", 0.99)
+    assert why_named(gap, [gap]) == ""
+    assert why_named(gap, [gap, lag]) == "gap is named because it has the fewest parameters."
+    assert why_named(loop, [gap, loop]) == "loop is named because it leaves the least error on held-out data."
+    assert why_named(loop, [gap, loop, lag]) == (
+        "loop is named because of those with as few parameters it leaves the least error on held-out data."
+    )
+    assert why_named(lag, [gap, lag]) == "lag is named because it was the simplest when it was found."
 
 
 def test_a_share_is_at_most_one_and_has_no_value_where_it_has_no_meaning():
@@ -107,13 +118,16 @@ def test_every_fitted_candidate_of_a_diagnosis_is_named_or_has_a_reason():
     y = y + np.random.default_rng(0).normal(0.0, 0.01, t.size)
     record = tsm.Record("run", t, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
     effects = ["backlash", "hysteresis", "dead_time", "drift"]
-    rows = [
-        r for r in tsm.diagnose(model, record, noise_floor=0.01, effects=effects).to_dict()["ranking"] if r["fitted"]
-    ]
+    found = tsm.diagnose(model, record, noise_floor=0.01, effects=effects).to_dict()
+    rows = [r for r in found["ranking"] if r["fitted"]]
     assert [r["name"] for r in rows if r["named"]] == ["backlash"]
     assert {r["why_not"] for r in rows if r["named"]} == {""}
     assert all(r["why_not"] and r["words"] for r in rows if not r["named"])
     assert max(r["share"] for r in rows if r["share"] is not None) <= 1
+    marked = {r["name"] for r in rows if r["in_set"] and not r["named"]}
+    assert marked - {"backlash"} == set(
+        found["effects"][0]["also_possible"]
+    )  # one list, in the sentence and in the table
     first = {r["why_not"] for r in rows if r["round"] == 1 and not r["in_set"]}
     assert rejection.LEAVES_MORE in first
     last = {r["why_not"] for r in rows if r["round"] == 2}

@@ -1,5 +1,6 @@
 """What a report says to one who reads it for the first time: reasons, units, places, cautions, noise floors."""
 
+import html
 import json
 import re
 
@@ -11,13 +12,19 @@ import tsmblocks as tsm
 from tests.diagnoses import BACKLASH, DEG, LIMITS, NAMED, NONE, UNKNOWN, diagnosis, ranked
 from tsmblocks.blocks import Play
 from tsmblocks.common.tables import as_wide_as
+from tsmblocks.data.noise_floor import Noise
 from tsmblocks.diagnosis import presentation, verdict_text
+from tsmblocks.diagnosis import text as text_of_diagnosis
 from tsmblocks.diagnosis import text as told
 from tsmblocks.diagnosis.cautions import cautions
 from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.residual_location import words_for
 from tsmblocks.diagnosis.result import DetectionLimit, Quantity
 from tsmblocks.diagnosis.script import script_lines
+from tsmblocks.diagnosis.settings import FloorParts
+from tsmblocks.diagnosis.variants import VARIANT_WORDS, explained, parts_of
+from tsmblocks.effects import catalogue
+from tsmblocks.effects.catalogue import relatives
 from tsmblocks.fitting.identifiability import Undetermined
 from tsmblocks.fitting.text import estimate_cautions
 from tsmblocks.html.report import page
@@ -43,7 +50,7 @@ def test_candidates_come_in_the_order_of_what_they_removed_and_those_at_a_bound_
     names = [line[2:].split("  ")[0].strip() for line in table.splitlines()[2:7]]
     assert names[:4] == ["resonance (parallel)", "backlash", "hysteresis", "drift (own sizes)"]
     assert names[4] == "jump (drive, own sizes and times)"
-    reasons = table[table.index("why not named:") :].replace("\n  ", " ").splitlines()
+    reasons = table[table.index("why not named:") : table.index("\nVariants:")].replace("\n  ", " ").splitlines()
     assert reasons == [
         "why not named:",
         "- ends at a bound (zeta): resonance (parallel)",
@@ -61,15 +68,35 @@ def test_a_wide_terminal_has_the_reasons_in_a_column():
     assert "why not named:" not in table
 
 
-def test_variants_that_do_not_speak_for_themselves_are_explained_once():
-    with as_wide_as(100):
-        text = str(of(SEEN))
-    (line,) = [part for part in text.split("\n\n") if part.startswith("removes:")]
-    assert " ".join(line.split("Variants: ")[1].split()) == (
-        "own sizes: with a separate size in each recording; own sizes and times: with a separate size at a separate "
-        "instant in each recording; drive: on the signal that drives the plant."
+def test_variants_are_explained_once_below_the_table_in_which_they_are_first():
+    later = attrs.evolve(SEEN, ranking=(*SEEN.ranking, *(attrs.evolve(r, round=2) for r in SEEN.ranking)))
+    words = (
+        "Variants: parallel: a further mode, added to the output of the model; own sizes: with a separate size in each "
+        "recording; drive: on the signal that drives the plant; own sizes and times: with a separate size at a "
+        "separate instant in each recording."
     )
+    with as_wide_as(100):
+        first, second = (part for part in str(of(later)).split("\n\n") if part.startswith("candidates, round"))
+    assert words in " ".join(first.split())
+    assert "Variants:" not in second
+    shown = re.sub("<[^>]*>", "", page(of(later)))
+    assert shown.count(words) == 1
     assert "Variants:" not in str(diagnosis())
+
+
+@pytest.mark.parametrize("effect", [*catalogue(), *relatives()], ids=lambda one: f"{one.name} {one.variant}")
+def test_every_variant_of_the_catalogue_is_explained(effect):
+    """A variant has words, or its name is in the words of the effect."""
+    row = attrs.evolve(SEEN.ranking[0], name=effect.name, variant=effect.variant, words=effect.words)
+    said = explained([row], set())
+    for part in parts_of(effect.variant):
+        assert part in VARIANT_WORDS or part in effect.words
+        assert f"{part}: {VARIANT_WORDS.get(part)}" in said or part in effect.words
+
+
+def test_a_variant_of_a_users_own_effect_is_explained_by_the_words_of_the_effect():
+    row = attrs.evolve(SEEN.ranking[0], name="cushion", variant="rubber", words="a soft stop")
+    assert explained([row], set()) == "Variants: rubber: a soft stop."
 
 
 def test_the_page_has_for_every_candidate_its_reason_and_what_it_is():
@@ -118,6 +145,32 @@ def test_a_place_that_is_not_determined_is_said():
     )
     made = attrs.evolve(diagnosis(), effects=(effect,))
     assert json.loads(made.to_json())["effects"][0]["other_places"] == ["x_in -> gain.u"]
+
+
+def test_the_parts_of_a_noise_floor_and_what_each_recording_shows_are_said_everywhere():
+    (gap,) = NAMED.gaps
+    own = {
+        "full": Noise("x_out", "rad", 0.06 * DEG, None, "stand-still", 400, 190, 0.05 * DEG, 0.08 * DEG),
+        "half": Noise("x_out", "rad", 0.05 * DEG, None, "high frequencies", 400, 100, 0.04 * DEG),
+    }
+    parts = FloorParts(0.06 * DEG, 0.05 * DEG, 0.08 * DEG, 0.08 * DEG, own)
+    segment = attrs.evolve(NAMED, gaps=(attrs.evolve(gap, method="stand-still", parts=parts),))
+    words = (
+        "oise floor from stand-still: the noise while the mechanism stands still, 0.0600 deg rms (95 %: 0.0500 to "
+        "0.0800). The noise of the inputs adds 0.0800 deg rms to the simulated x_out: 0.100 deg rms together."
+    )
+    found = of(segment)
+    with as_wide_as(200):
+        text = str(found)
+    assert f"n{words}" in text.replace("\n", " ")
+    assert re.search(r"\nnoise of x_out alone \[deg\] +rms  95 % from +to  from\nfull +0.0600 +0.0500 +0.08", text)
+    assert "\nhigh frequencies: a lower limit, which sees only fast noise." in text
+    shown = html.unescape(re.sub("<[^>]*>", "", page(found))).replace("\xa0", " ")
+    assert f"N{words}" in shown
+    assert "half0.05000.0400unknownhigh frequencies" in shown
+    saved = json.loads(found.to_json())["gap"]["noise_floor_parts"]
+    assert saved["recordings"]["half"]["high"] is None
+    assert saved["from_inputs"] == pytest.approx(0.08 * DEG, rel=1e-5)
 
 
 def test_a_noise_floor_is_explained_by_what_it_contains():
@@ -278,3 +331,11 @@ def test_coordinates_of_a_voltage_are_not_called_those_of_a_motion(text, of_a_mo
     assert words_for(text, "u", "deg") == words_for(text, "u", "mm") == words_for(text, "", "") == of_a_motion
     assert words_for(text, "u", "ticks") == words_for(text, "u", "1") == of_a_motion
     assert words_for(text, "u", "V") == of_a_voltage
+
+
+def test_long_names_in_headings_are_broken_after_an_underscore_and_never_cut():
+    assert text_of_diagnosis._headings(["before", "+ position_ripple", "+ jump"], 12) == [
+        ["", "+ position_", ""],
+        ["before", "ripple", "+ jump"],
+    ]
+    assert text_of_diagnosis._headings(["before", "+ jump"], 12) == [["before", "+ jump"]]

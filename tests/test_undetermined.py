@@ -11,6 +11,7 @@ from tsmblocks import blocks as b
 from tsmblocks.diagnosis import forward_selection, undetermined
 from tsmblocks.diagnosis.forward_selection import SearchContext, forward_search
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
+from tsmblocks.diagnosis.rejection import NOT_DETERMINED
 from tsmblocks.effects import catalogue
 
 T = np.arange(0.0, 12.0, 0.05)
@@ -37,18 +38,19 @@ def left_out(monkeypatch):
         whole = SearchContext({}, None, table.effects, ONE, NoiseLevel(1.0, 1.0, 1.0), lambda *_: None)
         rounds = []
         forward_search(frozenset(), {}, whole, rounds)
-        return names(undetermined.without_undetermined(rounds, whole), whole)
+        kept, omitted = undetermined.without_undetermined(rounds, whole)
+        return names(kept, whole), [(one.index, one.effect.candidate.effect.name, one.reason) for one in omitted]
 
     return search
 
 
 def test_the_next_best_candidate_takes_the_place_of_one_that_is_open(left_out):
-    assert left_out({"": 20, "A": 1.0, "B": 1.2, "C": 9}, {"A": "A"}) == "B"
+    assert left_out({"": 20, "A": 1.0, "B": 1.2, "C": 9}, {"A": "A"}) == ("B", [(0, "A", NOT_DETERMINED)])
 
 
 def test_the_last_one_goes_where_it_made_a_better_one_open(left_out):
     """A explains nearly all; B beside it imitates it, so that the size of A is open, but alone leaves far more."""
-    assert left_out({"": 20, "A": 3.0, "B": 15.0, "AB": 1.0}, {"AB": "A"}) == "A"
+    assert left_out({"": 20, "A": 3.0, "B": 15.0, "AB": 1.0}, {"AB": "A"}) == ("A", [(1, "B", NOT_DETERMINED)])
 
 
 def test_a_simpler_variant_of_an_effect_that_was_left_out_has_its_turn():
@@ -64,7 +66,7 @@ def test_a_simpler_variant_of_an_effect_that_was_left_out_has_its_turn():
 
 
 def test_what_is_determined_stays(left_out):
-    assert left_out({"": 20, "A": 6, "B": 9, "AB": 1.0}, {}) == "AB"
+    assert left_out({"": 20, "A": 6, "B": 9, "AB": 1.0}, {}) == ("AB", [])
 
 
 def balanced(tipping=0.0, damping=0.0):

@@ -53,3 +53,27 @@ def test_a_rate_and_an_integral_are_what_they_say(label):
         powers = dict(plain.dimension)
         powers["s"] = powers.get("s", 0) + exponent
         assert dict(made.dimension) == {k: n for k, n in powers.items() if n}
+
+
+@pytest.mark.parametrize(
+    ("above", "below", "label"),
+    [
+        ("kN", "mm", "kN/mm"),
+        ("V", "rad/s", "V*s/rad"),
+        ("rad", "V", "rad/V"),
+        ("m", "s^2", "m/s^2"),
+        ("N*m", "rad", "N*m/rad"),
+        ("rad", "rad", ""),
+        ("rad", "", ""),
+    ],
+)
+def test_a_unit_over_another(above, below, label):
+    assert units.quotient(above, below) == label
+    if label:
+        a, b, made = (units.parse(one) for one in (above, below, label))
+        assert made.factor == pytest.approx(a.factor / b.factor)
+        powers = {
+            k: dict(a.dimension).get(k, 0) - dict(b.dimension).get(k, 0)
+            for k in {*dict(a.dimension), *dict(b.dimension)}
+        }
+        assert dict(made.dimension) == {k: n for k, n in powers.items() if n}

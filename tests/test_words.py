@@ -26,6 +26,7 @@ IDIOM = {
     r"stands? and jumps?|runs? ahead of|keeps? silent": "piecewise constant; leads; reports nothing",
     r"(?:an |the )?(?:expression|text|comparison|number|wire)s? (?:is|are) wanted": "expected",
     r"more is missing than|something is missing in": "unmodelled effect, unexplained residual",
+    r"stands? in for another": "explained by another",
     r"stands? inside (?:each other|another|diagrams)": "nested",
 }
 """Pattern -> the standard term."""

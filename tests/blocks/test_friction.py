@@ -126,12 +126,12 @@ def test_units_are_the_users_own():
             dict(level=-1),
         ),
         (
-            "CoulombFriction.smoothing must lie in (0, inf), got 0. It is: velocity over which the sign changes.",
+            "CoulombFriction.smoothing must lie in (0, inf), got 0. It is: speed at which the sign changes.",
             CoulombFriction,
             dict(smoothing=0),
         ),
         (
-            "StribeckFriction.stribeck must lie in (0, inf), got 0. It is: velocity over which the static part falls.",
+            "StribeckFriction.stribeck must lie in (0, inf), got 0. It is: speed over which the static part falls.",
             StribeckFriction,
             dict(stribeck=0),
         ),

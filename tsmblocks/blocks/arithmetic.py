@@ -30,7 +30,7 @@ class Gain(Block):
     symbol = "K"
     symbol_with_values = "{gain}"
 
-    gain: float = parameter(default=1.0, about="factor from input to output")
+    gain: float = parameter(default=1.0, about="factor from input to output", unit="?y/?u")
     unit: str = option(default="", about=UNIT)
     u = Input("any signal", unit="?u")
     y = Output("the signal times the gain", unit="?y", unit_option="unit")

@@ -35,7 +35,9 @@ class CoulombFriction(Block):
     symbol_with_values = "Coulomb\n{level}"
 
     level: float = parameter(default=0.02, about="friction while sliding", unit="?f", at_least=0.0)
-    smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
+    smoothing: float = parameter(
+        default=0.01, about="speed at which the sign changes", unit="?v", above=0.0, acts_at="v"
+    )
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
 
@@ -62,7 +64,9 @@ class AsymmetricFriction(Block):
     level_negative: float = parameter(default=0.025, about="dry friction while moving back", unit="?f", at_least=0.0)
     viscous_positive: float = parameter(default=0.002, about="friction per velocity forwards", at_least=0.0)
     viscous_negative: float = parameter(default=0.0025, about="friction per velocity backwards", at_least=0.0)
-    smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
+    smoothing: float = parameter(
+        default=0.01, about="speed at which the sign changes", unit="?v", above=0.0, acts_at="v"
+    )
 
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
@@ -126,9 +130,13 @@ class StribeckFriction(Block):
 
     coulomb: float = parameter(default=0.02, about="friction while sliding fast", unit="?f", at_least=0.0)
     static: float = parameter(default=0.03, about="friction just before sliding", unit="?f", at_least=0.0)
-    stribeck: float = parameter(default=0.1, about="velocity over which the static part falls", unit="?v", above=0.0)
+    stribeck: float = parameter(
+        default=0.1, about="speed over which the static part falls", unit="?v", above=0.0, acts_at="v"
+    )
     viscous: float = parameter(default=0.002, about="friction per velocity", at_least=0.0)
-    smoothing: float = parameter(default=0.01, about="velocity over which the sign changes", unit="?v", above=0.0)
+    smoothing: float = parameter(
+        default=0.01, about="speed at which the sign changes", unit="?v", above=0.0, acts_at="v"
+    )
 
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
@@ -184,7 +192,9 @@ class LuGreFriction(Block):
     sigma2: float = parameter(default=0.002, about="viscous friction per velocity", at_least=0.0)
     coulomb: float = parameter(default=0.02, about="friction while sliding fast", unit="?f", above=0.0)
     static: float = parameter(default=0.03, about="friction just before sliding", unit="?f", above=0.0)
-    stribeck: float = parameter(default=0.1, about="velocity over which the static part falls", unit="?v", above=0.0)
+    stribeck: float = parameter(
+        default=0.1, about="speed over which the static part falls", unit="?v", above=0.0, acts_at="v"
+    )
 
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")

@@ -34,8 +34,8 @@ class Saturation(Block):
     symbol = "sat"
     symbol_with_values = "sat\n{low} … {high}"
 
-    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False, opposite="high")
-    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False, opposite="low")
+    low: float = parameter(default=-24.0, about="least output", unit="?u", finite=False, opposite="high", acts_at="u")
+    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False, opposite="low", acts_at="u")
     u = Input("wanted value", unit="?u")
     y = Output("value the actuator can give", unit="?u")
 
@@ -58,8 +58,8 @@ class SoftSaturation(Block):
     symbol = "soft sat"
     symbol_with_values = "soft sat\n{low} … {high}"
 
-    low: float = parameter(default=-24.0, about="smallest output", unit="?u", finite=False, opposite="high")
-    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False, opposite="low")
+    low: float = parameter(default=-24.0, about="least output", unit="?u", finite=False, opposite="high", acts_at="u")
+    high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False, opposite="low", acts_at="u")
     softness: float = parameter(default=1.0, about="distance s from a limit where it begins", unit="?u", above=0.0)
     u = Input("wanted value", unit="?u")
     y = Output("value the actuator can give", unit="?u")
@@ -97,8 +97,8 @@ class DeadZone(Block):
     symbol = "dead zone"
     symbol_with_values = "dead zone\n{low} … {high}"
 
-    low: float = parameter(default=-0.05, about="lower edge of the zone", unit="?u", opposite="high")
-    high: float = parameter(default=0.05, about="upper edge of the zone", unit="?u", opposite="low")
+    low: float = parameter(default=-0.05, about="lower edge of the zone", unit="?u", opposite="high", acts_at="u")
+    high: float = parameter(default=0.05, about="upper edge of the zone", unit="?u", opposite="low", acts_at="u")
     u = Input("any signal", unit="?u")
     y = Output("the part of the signal beyond the zone", unit="?u")
 

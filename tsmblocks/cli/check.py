@@ -56,6 +56,7 @@ def contents(name: str, *, refuse_loops: bool = False) -> dict[str, Any]:
     """Contents of a valid diagram: counts of its parts and loops; inputs and outputs with their units."""
     from tsmblocks.compiler.compile import compile_diagram
     from tsmblocks.files import load
+    from tsmblocks.fitting.parameters import chosen
     from tsmblocks.simulation.stop_condition import stop_condition
 
     diagram = load(name)
@@ -70,6 +71,7 @@ def contents(name: str, *, refuse_loops: bool = False) -> dict[str, Any]:
         "blocks": len(eq.reads),
         "states": len(eq.x),
         "parameters": len(eq.p),
+        "free": len(chosen(diagram, None)),
         "loops": len(eq.loops),
         "inputs": {k: p.unit for k, p in diagram.inports.items()},
         "outputs": {k: diagram.unit(k) for k in diagram.outputs},
@@ -79,6 +81,7 @@ def contents(name: str, *, refuse_loops: bool = False) -> dict[str, Any]:
 def description(made: dict[str, Any]) -> str:
     """Contents of a valid diagram in one line."""
     counts = ", ".join(_count(made[f"{word}s"], word) for word in ("block", "state", "parameter"))
+    counts += f" ({made['free']} of them free in a fit)" if made["parameters"] else ""
     counts += f", {_count(made['loops'], 'algebraic loop')}" if made["loops"] else ""
     ends = (f"{what}: {', '.join(starmap(heading, made[what].items())) or 'none'}" for what in ("inputs", "outputs"))
     return f"ok; {counts}; {'; '.join(ends)}"

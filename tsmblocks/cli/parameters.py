@@ -44,25 +44,12 @@ def _in_own_unit(diagram: Diagram, name: str, value: Any) -> Any:
     match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
     if match is None or name not in diagram.parameters:
         return value
-    unit = _unit_of(diagram, name.partition("[")[0])
+    from tsmblocks.fitting.parameters import numbers, unit_of
+
+    unit = unit_of(name, diagram, numbers(diagram)[name])
     if not unit:
         raise common.UsageError(f"--set {name}={value}: {name} has no unit that is known; give a number alone.")
     try:
         return float(match[1]) * units.factor(match[2], unit)
     except units.UnitError as error:
         raise common.UsageError(f"--set {name}={value}: {error}") from None
-
-
-def _unit_of(diagram: Any, name: str) -> str:
-    """The unit of a parameter by its full name, ``""`` where none is known; ``?u`` is that of a port."""
-    head, _, rest = name.partition(".")
-    block = diagram.blocks.get(head)
-    if block is None:
-        return ""
-    if hasattr(block, "blocks"):
-        return _unit_of(block, rest)
-    unit = block.fields()[rest].unit
-    if "?" not in unit:
-        return str(unit)
-    ports = [port for port, spec in {**block.inports, **block.outports}.items() if spec.unit == unit]
-    return next(filter(None, (diagram.unit(f"{head}.{port}") for port in ports)), "")

@@ -207,13 +207,18 @@ def _sorted(powers: dict[str, int]) -> Dimension:
     return tuple(sorted(powers.items()))
 
 
+class AngularFrequency(str):
+    """The label of an angular frequency, such as a natural frequency: it is displayed as it is, a speed in degrees."""
+
+
+ANGULAR_FREQUENCY = AngularFrequency("rad/s")
 DISPLAY_UNITS = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2", "rad/min": "deg/min"}
 """Unit -> unit in which it is displayed."""
 
 
 def display_unit(label: str) -> tuple[float, str]:
-    """Factor and unit for display: angles and their rates in degrees, anything else unchanged."""
-    wanted = DISPLAY_UNITS.get(label, label)
+    """Factor and unit for display: angles and their rates in degrees, angular frequencies and all else unchanged."""
+    wanted = label if isinstance(label, AngularFrequency) else DISPLAY_UNITS.get(label, label)
     return (factor(label, wanted) if wanted != label else 1.0), wanted
 
 
@@ -256,6 +261,18 @@ def times(label: str, power_of: str, exponent: int = 1) -> str:
         return label.removesuffix(f"*{power_of}")
     match = re.fullmatch(rf"(.*)/{re.escape(power_of)}(?:\^(\d+))?", label)
     return f"{match[1]}/{power_of}^{int(match[2] or 1) + 1}" if match else f"{label}/{power_of}"
+
+
+def quotient(above: str, below: str) -> str:
+    """A readable label for one unit over another, ``kN/mm``; empty where they are one, or one is not known."""
+    if not above or not below or same(above, below):
+        return ""
+    label = above
+    for word, sign in _words(below):
+        name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+        for _ in range(abs(int(power or 1))):
+            label = times(label, name, -sign if int(power or 1) > 0 else sign)
+    return label
 
 
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*", re.DOTALL)

@@ -20,6 +20,13 @@ from tsmblocks.data.slow_noise import Level, level
 
 TRUST = ("repeats", "repeated periods", "stand-still", HIGH_FREQUENCIES)
 """Methods, the most reliable first."""
+CONTENT = {
+    "repeats": "what differs between recordings of the same motion",
+    "repeated periods": "what differs from one period of the motion to a later one",
+    "stand-still": "the noise while the mechanism stands still",
+    HIGH_FREQUENCIES: "a lower limit, which sees only fast noise",
+}
+"""What noise a floor contains, by its method."""
 MIN_NOISE_SAMPLES = 8
 """Samples below which no noise is estimated. Chosen: the cubic of ``sample_to_sample_noise`` spans 5."""
 
@@ -183,6 +190,11 @@ def noise_of_recordings(
     """Return the floor and the method of ``noise_over_recordings``."""
     found = noise_over_recordings(records, name, unit, inputs)
     return found.floor, found.method
+
+
+def method_text(method: str) -> str:
+    """Where a floor comes from, and what noise it contains: ``from high frequencies: a lower limit, …``."""
+    return f"from {method}: {CONTENT[method]}" if method in CONTENT else method
 
 
 def _taken(found: list[Found], fast: Level, start: Noise) -> Noise:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 import numpy as np
 
 from tsmblocks.common import units
-from tsmblocks.common.errors import DataError, clip, in_words, near, without_controls
+from tsmblocks.common.errors import DataError, clip, in_words, near, nearest, without_controls
 from tsmblocks.common.frames import dataset, frame
 from tsmblocks.common.interpolation import AUTO
 from tsmblocks.common.tables import few
@@ -51,6 +51,27 @@ def _read_only_masks(masks: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray
     for mask in made.values():
         mask.flags.writeable = False
     return MappingProxyType(made)
+
+
+FUNCTIONS = {
+    "noise": "the noise of a signal is tsm.noise(record, 'NAME').floor",
+    "noise_floor": "the noise of a signal is tsm.noise(record, 'NAME').floor",
+    "fit": "a diagram is fitted by tsm.fit(diagram, record)",
+    "diagnose": "a diagram is diagnosed by tsm.diagnose(diagram, record)",
+    "simulate": "a diagram is simulated by tsm.simulate(diagram, inputs={'NAME': record})",
+}
+"""What is no attribute of a record -> the function that gives it."""
+
+
+def _attribute_hint(record: Record, name: str) -> str:
+    """Where to find what is no attribute of a record; empty for the names of Python's protocols."""
+    if name.startswith("_"):
+        return ""
+    if name in object.__getattribute__(record, "signals"):
+        return f" A signal is found by its name: record['{name}']."
+    if known := FUNCTIONS.get(nearest(name, FUNCTIONS)):
+        return f" {known[0].upper()}{known[1:]}."
+    return near(name, [k for k in dir(type(record)) if not k.startswith("_")])
 
 
 @attrs.frozen(eq=False)
@@ -110,6 +131,11 @@ class Record(SignalViews):
     def names(self) -> tuple[str, ...]:
         """Names of the signals, in the order of the file; the time is not among them."""
         return tuple(self.signals)
+
+    if not TYPE_CHECKING:  # else every attribute would be there
+
+        def __getattr__(self, name: str) -> Any:
+            raise AttributeError(f"a record has no '{name}'.{_attribute_hint(self, name)}")
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Return a signal by name, in its own unit. Raises DataError with the near miss."""

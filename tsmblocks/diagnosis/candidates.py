@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import AlgebraicLoop, DiagramError
+from tsmblocks.common.errors import AlgebraicLoop, DiagramError, TsmError
 from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.insertion_points import InsertionPoint
@@ -29,6 +29,14 @@ REST_HALF_RANGE = 1e-12
 """Half range of a signal, in its unit, up to which it is at rest. Chosen: rounding."""
 
 
+def unit_of_signal(diagram: Diagram, signal: str) -> str:
+    """The unit of a signal; empty where none is known, or the signal is not in this part of a diagram."""
+    try:
+        return diagram.unit(signal)
+    except (TsmError, KeyError):
+        return ""
+
+
 @attrs.frozen(eq=False)
 class Candidate:
     """An effect at an insertion point: ``diagram`` is the model's with ``block`` added, at the null of the effect.
@@ -43,6 +51,11 @@ class Candidate:
     trials: Trials
     scales: Scales | None = None
     """The scales of the signals it acts on, in which its sizes are reported; None where these are not needed."""
+
+    @property
+    def words(self) -> str:
+        """The effect in words that fit the quantity of the signal on which it acts."""
+        return self.effect.words_on(unit_of_signal(self.diagram, self.point.signal))
 
     @property
     def free(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.partition import PIECE_SEPARATOR, experiment_of
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
+from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.text import estimate_cautions, tangled
 
@@ -18,9 +19,8 @@ MAX_STATE_CAUTIONS = 2
 def cautions(fit: Fit) -> list[str]:
     """Cautions on the estimates, a sentence each; many on initial states as one sentence."""
     every, others = estimate_cautions(fit), _without_states(fit)
-    if len(every) - len(others) <= MAX_STATE_CAUTIONS:
-        return every
-    return [*others, *_on_states(fit)]
+    few = len(every) - len(others) <= MAX_STATE_CAUTIONS
+    return [*(every if few else [*others, *_on_states(fit)]), *beyond_range(fit)]
 
 
 def _states(fit: Fit) -> set[str]:

@@ -29,8 +29,12 @@ DIVERGENCE_RATIO = 100.0
 MAX_STEPS = 2_000_000
 """Steps of one simulation at most. Chosen: for the run time, about a second."""
 
-NOT_TRACKED = "Tracking was not simulated:"
-LOOP = "the loop around the model, which forms the compensator,"
+NOT_TRACKED = (
+    "Whether the new model tracks a motion better was not simulated: the compensator, a fast feedback loop around the "
+    "model that finds the command for a wanted motion,"
+)
+"""Why there is no consequence, up to the fault of the compensator."""
+NAMES_HOLD = "The effects named do not depend on it."
 Errors = tuple[float, float]
 
 
@@ -64,10 +68,10 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
         if np.isfinite(errors).all():
             none, before, after = errors
             if after[1] >= max(none[1], float(np.std(wanted))):
-                return f"{NOT_TRACKED} {LOOP} has a larger error than a constant command."
+                return f"{NOT_TRACKED} has a larger error than a constant command. {NAMES_HOLD}"
             words = _words(before, after, unit, 4 * loop / LOOP_GAIN_PER_STEP)
             return Consequence(unit, experiment.name, none, before, after, words)
-    return f"{NOT_TRACKED} {LOOP} is unstable."
+    return f"{NOT_TRACKED} is unstable. {NAMES_HOLD}"
 
 
 def _of_first_experiment(model: Model) -> Diagram:

@@ -51,6 +51,7 @@ from tsmblocks.diagnosis.partition import (
     total_delay,
     within_windows,
 )
+from tsmblocks.diagnosis.plain_states import with_plain_states
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
@@ -239,14 +240,15 @@ def _diagnosed(
         blocks, line = time_blocks(base.problem), only_frequency(records, tuple(part.diagram.inputs))
         search = SearchContext(records, settings, request.effects, blocks, noise, progress, line, removed)
         forward_search(base, {}, search, rounds)
-        rounds = without_undetermined(exchange_effects(rounds, search), search)
-        rounds, recurring = without_recurring_events(rounds, search)
+        rounds, omitted = without_undetermined(exchange_effects(rounds, search), search)
+        rounds, recurring, more_omitted = without_recurring_events(rounds, search)
+        omitted += more_omitted
         count = accepted_count(rounds, search)
         final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     except KeyboardInterrupt:
         if search is None or not rounds:
             raise
-        interrupted, recurring, more_notes = True, [], []
+        interrupted, recurring, more_notes, omitted = True, [], [], []
         final = rounds[count := accepted_count(rounds, search)].base
     left = predicted if final is base else evidence(final, settings.seed)
     varying = varying_factor(final, settings.seed)
@@ -255,7 +257,9 @@ def _diagnosed(
         varying = varying_factor(final, settings.seed)
     notes += doubtful_floors(floors, final.residual_rms, part.diagram)
     notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes]]
-    return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying), interrupted
+    final = final if interrupted else with_plain_states(final)
+    found = DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted)
+    return found, interrupted
 
 
 def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> Mapping[str, Record]:

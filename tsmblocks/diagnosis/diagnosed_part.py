@@ -22,6 +22,22 @@ UNKNOWN_EXCESS = 0.2
 
 
 @attrs.frozen(eq=False)
+class Omission:
+    """An effect that was accepted and then left out: the index of its round, its search, and the reason in words."""
+
+    index: int
+    searched: SearchRound
+    effect: FittedCandidate
+    reason: str
+
+    @classmethod
+    def of(cls, rounds: Sequence[SearchRound], effect: FittedCandidate, reason: str) -> Omission:
+        """The omission of an effect that was named in one of some rounds."""
+        index, searched = next((k, one) for k, one in enumerate(rounds) if one.verdict.named is effect)
+        return cls(index, searched, effect, reason)
+
+
+@attrs.frozen(eq=False)
 class DiagnosedPart:
     """The search for one part of a diagram: its rounds, how many effects are accepted, and the final model."""
 
@@ -38,6 +54,8 @@ class DiagnosedPart:
     """The predictable part of the final model's residual."""
     varying: VaryingFactor | None = None
     """The coordinate to which the final model's residual is proportional by a factor that varies."""
+    omitted: Sequence[Omission] = ()
+    """The effects that were accepted at first and then left out."""
 
     @property
     def blocks(self) -> TimeBlocks:

@@ -14,7 +14,7 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.cross_validation import projected_jacobian, without_initial_states
-from tsmblocks.diagnosis.decision import FittedCandidate
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.diagnosis.partition import PIECE_SEPARATOR, split_into_pieces
 from tsmblocks.diagnosis.presentation import digits, in_display_units
@@ -27,13 +27,11 @@ MIN_SAMPLES_PER_PERIOD = 20
 """Samples of the fastest oscillation proposed, at least. Chosen: the simulation is accurate there."""
 SMALL_AMPLITUDE = 0.1
 """Amplitude of a small motion, as a share of half the range. Chosen."""
-MIN_SEPARATION = 0.1
-"""Rms difference of two predictions [rms noise] from which an experiment is proposed. Chosen: with 2500 samples its
-significance is five standard errors."""
+MIN_SEPARATION = math.sqrt(MIN_VARIANCE_REDUCTION)
+"""Rms difference of two predictions [rms noise] from which an experiment is proposed. Derived: an effect whose variance
+is smaller is not named."""
 MAX_SPEED_RATIO = 1.02
 """Highest speed of a proposed motion over that of the recordings. Chosen: rounding only."""
-
-BEYOND = "in a larger range or at a higher speed than recorded: no motion within these separates them"
 
 
 class Motion(NamedTuple):
@@ -69,7 +67,11 @@ def separating_experiment(
     if best is None:
         return own.separates
     if not best.size >= MIN_SEPARATION:
-        return f"{own.separates}, {BEYOND}"
+        return (
+            f"{own.separates}, in a larger range or at a higher speed than recorded. None of the motions tried within "
+            f"these separates them: the expected difference is at most {digits(best.size)} times the noise, and less "
+            f"than {digits(MIN_SEPARATION)} times is not seen"
+        )
     return f"{best.words} (expected difference {digits(best.size)} times the noise)"
 
 

@@ -71,8 +71,8 @@ class NoiseLevel:
 class NoiseFloors:
     """Rms noise of each output, in the diagram's unit, and the method of its estimate.
 
-    ``given`` holds the text that the user gave, ``high`` the upper end of the 95 % interval of an estimate, ``doubt``
-    doubts about it.
+    ``given`` holds the text that the user gave, ``low`` and ``high`` the 95 % interval of an estimate, ``doubt``
+    doubts about it, and ``recordings`` what each recording alone shows, by output and experiment.
     """
 
     sigma: Mapping[str, float]
@@ -80,6 +80,8 @@ class NoiseFloors:
     given: Mapping[str, str] = attrs.field(factory=dict)
     high: Mapping[str, float] = attrs.field(factory=dict)
     doubt: Mapping[str, str] = attrs.field(factory=dict)
+    low: Mapping[str, float] = attrs.field(factory=dict)
+    recordings: Mapping[str, Mapping[str, Noise]] = attrs.field(factory=dict)
 
     @property
     def notes(self) -> list[str]:
@@ -128,7 +130,20 @@ def noise_floors(
         {k: text for k, (_, text) in given.items()},
         {k: one.high for k, one in found.items()},
         {k: one.doubt for k, one in found.items() if one.doubt},
+        {k: one.low for k, one in found.items()},
+        {name: _by_recording(records, diagram, name) for name in found},
     )
+
+
+def _by_recording(records: Mapping[str, Record], diagram: Diagram, name: str) -> dict[str, Noise]:
+    """The noise that each recording alone shows, of those with enough samples."""
+    result = {}
+    for key, record in records.items():
+        try:
+            result[key] = noise_over_recordings({key: record}, name, diagram.unit(name), diagram.inports)
+        except DataError:  # too few samples
+            continue
+    return result
 
 
 def _estimated(records: Mapping[str, Record], diagram: Diagram, name: str) -> Noise:
@@ -151,6 +166,7 @@ def lowered_noise_floors(
     where that is lower; a given one stays, with a warning.
     """
     sigma, method, more_notes = dict(found.sigma), dict(found.method), list[str]()
+    low, high, recordings = dict(found.low), dict(found.high), dict(found.recordings)
     for name, share in residual_rms.items():
         if share * MAX_FLOOR_RATIO >= 1:
             continue
@@ -171,7 +187,9 @@ def lowered_noise_floors(
                 f"({rms} rms); {taken}."
             )
             sigma[name], method[name] = fast, HIGH_FREQUENCIES
-    return attrs.evolve(found, sigma=sigma, method=method), more_notes
+            low[name], high[name] = fast, np.inf
+            recordings.pop(name, None)
+    return attrs.evolve(found, sigma=sigma, method=method, low=low, high=high, recordings=recordings), more_notes
 
 
 def doubtful_floors(found: NoiseFloors, residual_rms: Mapping[str, float], diagram: Diagram) -> list[str]:

@@ -12,6 +12,7 @@ from tsmblocks.common.units import display_unit
 
 if TYPE_CHECKING:
     from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, Segment
+    from tsmblocks.diagnosis.settings import FloorParts
 
 EFFECT_KEYS = {"across": "share_removed_across_experiments"}
 RANKING_KEYS = {"gain": "held_out_gain", "new": "share_across", "t": "statistic", "units": ""}
@@ -58,11 +59,20 @@ def _gap(gap: Gap) -> dict[str, Any]:
         "unit": gap.unit,
         "noise_floor": gap.noise_floor,
         "noise_floor_from": gap.method,
+        "noise_floor_parts": None if gap.parts is None else _floor_parts(gap.parts),
         "train": {"before": gap.train[0], "after": gap.train[-1]},
         "held_out": {"before": gap.held_out[0], "after": gap.held_out[-1]},
         "steps": {"train": gap.train, "held_out": gap.held_out},
         "experiments": gap.experiments,
     }
+
+
+def _floor_parts(parts: FloorParts) -> dict[str, Any]:
+    recordings = {
+        name: {"value": one.floor, "low": one.low, "high": one.high, "from": one.method}
+        for name, one in parts.recordings.items()
+    }
+    return {**attrs.asdict(parts, recurse=False), "recordings": recordings}
 
 
 def _segment(s: Segment) -> dict[str, Any]:

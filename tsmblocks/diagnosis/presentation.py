@@ -8,7 +8,9 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.units import display_unit
+from tsmblocks.common.rounding import LARGEST_PLAIN, plus_minus
+from tsmblocks.common.units import display_unit, heading
+from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, binned, coordinates, words_for
 from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
@@ -19,31 +21,18 @@ MIN_BIN_BLOCKS = 3
 """Time blocks of a bin from which the standard error of its mean is estimated. Chosen."""
 MAX_SIZES = 2
 """Sizes of an effect that are reported in a sentence. Chosen: all of them are in the tables."""
-LARGEST_PLAIN = 1e5
-"""Magnitude below which numbers are written without a power of ten. Chosen: as engineers write them."""
-FLOOR_WORDS = {
-    "repeats": "what differs between recordings of the same motion",
-    "repeated periods": "what differs from one period of the motion to a later one",
-    "stand-still": "the noise while the mechanism stands still",
-    "high frequencies": "a lower limit, which sees only fast noise",
-}
-"""What an estimated noise floor contains, by its method."""
+LOWERED = 0.99
+"""Noise floor over the estimate of its parts from which it counts as lowered. Chosen: beyond rounding."""
 DARKEST = 4.0
 """Excess, in variances of the noise, at which a block of a strip is as dark as it gets. Chosen."""
 
 
 def with_interval(q: Quantity) -> str:
-    """A number with half its interval, in as many digits: ``0.157 ± 0.011 deg``; marked where it has no interval."""
-    k, unit = display_unit(q.unit)
-    value, half = k * q.value, (k * q.high - k * q.low) / 2
+    """An estimate with half its interval: ``0.157 ± 0.011 deg``; marked where it has none."""
+    half = (q.high - q.low) / 2
     if not np.isfinite(half) or half == 0:
         return in_display_units(q.value, q.unit) + (" (not determined)" if half else "")
-    digits = 1 - int(np.floor(np.log10(half)))
-    if digits < 0 and abs(value) < LARGEST_PLAIN:
-        return f"{round(value, digits):.0f} ± {round(half, digits):.0f} {unit}".rstrip()
-    if not 0 <= digits <= 6:
-        return f"{value:.3g} ± {half:.2g} {unit}".rstrip()
-    return f"{value:z.{digits}f} ± {half:.{digits}f} {unit}".rstrip()
+    return plus_minus(q.value, half, q.unit)
 
 
 def digits(value: float) -> str:
@@ -149,9 +138,56 @@ def gap_rows(segment: Segment, gap: Gap) -> list[tuple[str, tuple[float, ...], t
 
 def floor_text(gap: Gap) -> str:
     """Where the noise floor comes from, and what it contains: ``from high frequencies: a lower limit, …``."""
-    if gap.given or gap.method not in FLOOR_WORDS:
-        return gap.given or gap.method
-    return f"from {gap.method}: {FLOOR_WORDS[gap.method]}"
+    return gap.given or method_text(gap.method)
+
+
+def floor_sentence(gap: Gap) -> str:
+    """Where the noise floor comes from: the noise of the output with its interval, and what inputs add."""
+    parts = gap.parts
+    if parts is None:
+        return f"noise floor {floor_text(gap)}."
+    own = f"{_rms(parts.value, gap.unit)} ({interval_text(parts.low, parts.high, gap.unit)})"
+    text = f"noise floor {floor_text(gap)}, {own}."
+    if parts.from_inputs:
+        text += (
+            f" The noise of the inputs adds {_rms(parts.from_inputs, gap.unit)} to the simulated {gap.output}: "
+            f"{_rms(float(np.hypot(parts.value, parts.from_inputs)), gap.unit)} together."
+        )
+    if gap.noise_floor < LOWERED * np.hypot(parts.value, parts.from_inputs):
+        least = _rms(gap.noise_floor, gap.unit)
+        text += f" It was lowered to {least}, which is all that the recorded signals do not predict of the residual."
+    return text
+
+
+def _rms(value: float, unit: str) -> str:
+    k, shown = display_unit(unit)
+    return " ".join(filter(None, [digits(k * value), shown, "rms"]))
+
+
+def interval_text(low: float, high: float, unit: str) -> str:
+    """A 95 % interval of an rms value, which may have no upper end: ``95 %: 0.11 to 0.15``."""
+    k, _ = display_unit(unit)
+    return f"95 %: {digits(k * low)} {f'to {digits(k * high)}' if np.isfinite(high) else 'or more'}"
+
+
+def floor_rows(gap: Gap) -> list[tuple[str, ...]]:
+    """The noise that each recording alone shows, the heading first; empty for a single recording."""
+    recordings = {} if gap.parts is None else gap.parts.recordings
+    if len(recordings) < 2:
+        return []
+    k, unit = display_unit(gap.unit)
+    rows: list[tuple[str, ...]] = [(heading(f"noise of {gap.output} alone", unit), "rms", "95 % from", "to", "from")]
+    for name, one in recordings.items():
+        high = digits(k * one.high) if np.isfinite(one.high) else "unknown"
+        rows.append((name, digits(k * one.floor), digits(k * one.low), high, one.method))
+    return rows
+
+
+def floor_methods(gap: Gap) -> list[str]:
+    """What the methods contain by which recordings alone were estimated, beside that of the floor."""
+    recordings = {} if gap.parts is None or not floor_rows(gap) else gap.parts.recordings
+    used = dict.fromkeys(one.method for one in recordings.values() if one.method != gap.method)
+    return [f"{method}: {CONTENT[method]}" for method in used]
 
 
 def by_removed(rows: Iterable[RankedCandidate]) -> list[RankedCandidate]:

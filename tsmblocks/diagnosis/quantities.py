@@ -7,14 +7,12 @@ from collections.abc import Mapping, Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import TsmError
-from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.result import Quantity
 from tsmblocks.effects.effect import sizes_of
 from tsmblocks.fitting.statistics import intervals
-from tsmblocks.model.diagram import Diagram
 
 LEVEL = 0.95
 """Confidence level of intervals. Source: convention."""
@@ -110,22 +108,23 @@ class Estimate:
         return Quantity(value, float(low[0]), float(high[0]), unit)
 
 
-def detectable_size(candidate: Candidate, parameter: str, limit: float) -> tuple[str, float, str]:
+def detectable_size(
+    candidate: Candidate, parameter: str, limit: float, shape: Mapping[str, float]
+) -> tuple[str, float, str]:
     """The size, with its name and unit, that an effect has at the detection limit of a parameter.
 
-    It is the first that is in proportion to this parameter whatever the others are, at all shapes of the trials; empty
-    where there is none.
+    It is the first that is in proportion to this parameter whatever the others are, at all shapes of the trials; else
+    the first that is so for the ``shape`` that has this limit. Empty where there is none.
     """
     units, null, shapes = _units(candidate), dict(candidate.effect.null), candidate.trials.shapes
     negative = any(shape.get(parameter, 0.0) < 0 for shape in shapes)  # a lower limit; a strength has no sign
-    at = [
-        [_sizes_with(candidate, {**null, **shape, parameter: value}, units) for shape in shapes]
-        for value in ((-limit, -2 * limit) if negative else (limit, 2 * limit))
-    ]
-    for name, (value, unit) in at[0][0].items():
-        ratios = [one.get(name, (np.nan, ""))[0] / value for row in at for one in row] if value else []
-        if ratios and np.allclose(ratios, [1.0] * len(shapes) + [2.0] * len(shapes)):
-            return name, value if negative else abs(value), unit
+    values = (-limit, -2 * limit) if negative else (limit, 2 * limit)
+    for some in (shapes, [dict(shape)]):
+        at = [[_sizes_with(candidate, {**null, **one, parameter: value}, units) for one in some] for value in values]
+        for name, (value, unit) in at[0][0].items():
+            ratios = [one.get(name, (np.nan, ""))[0] / value for row in at for one in row] if value else []
+            if ratios and np.allclose(ratios, [1.0] * len(some) + [2.0] * len(some)):
+                return name, value if negative else abs(value), unit
     return "", 0.0, ""
 
 
@@ -149,12 +148,5 @@ def _sizes_with(
 
 def _units(candidate: Candidate) -> tuple[str, str]:
     """The units of the signal on which an effect acts, and of the second one; empty where none is known."""
-    wire = _unit(candidate.diagram, candidate.point.signal)
-    return wire, _unit(candidate.diagram, candidate.point.other) if candidate.point.other else wire
-
-
-def _unit(diagram: Diagram, signal: str) -> str:
-    try:
-        return diagram.unit(signal)
-    except (TsmError, KeyError):  # a signal of which only a part is in this diagram
-        return ""
+    wire = unit_of_signal(candidate.diagram, candidate.point.signal)
+    return wire, unit_of_signal(candidate.diagram, candidate.point.other) if candidate.point.other else wire

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import attrs
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.forward_selection import SearchRound
-from tsmblocks.diagnosis.rejection import why_not
+from tsmblocks.diagnosis.rejection import INDISTINGUISHABLE, WORSE_BESIDE_OTHERS, why_not
 from tsmblocks.diagnosis.result import RankedCandidate
 
 MAX_MEANINGFUL_SHARE = 10.0
@@ -16,14 +18,22 @@ MAX_MEANINGFUL_SHARE = 10.0
 
 
 def ranking(diagnosed: DiagnosedPart) -> tuple[RankedCandidate, ...]:
-    """Every candidate of every accepted round, and of the one after."""
+    """Every candidate of every accepted round, and of the one after.
+
+    Those marked as indistinguishable are the ones that are reported beside an effect: they are so with all other
+    effects in the model, and one that was fitted there only has a row too.
+    """
     result: list[RankedCandidate] = []
-    for number, one in enumerate((r.most_complete for r in diagnosed.rounds[: diagnosed.count + 1]), 1):
-        fitted = {tried.candidate.key for tried in one.verdict.ranking}
-        result += [
-            _fitted_row(diagnosed, number, one, tried, float(t))
-            for tried, t in zip(one.verdict.ranking, one.verdict.t, strict=True)
-        ]
+    for number, first in enumerate(diagnosed.rounds[: diagnosed.count + 1], 1):
+        one, final = first.most_complete, first.repeated or first
+        kept = first.indistinguishable if number <= diagnosed.count else ()
+        names = {tried.candidate.effect.name for tried in kept}
+        rows = [_fitted_row(diagnosed, number, one, tried, names) for tried in one.verdict.ranking]
+        shown = {row.name for row in rows if row.in_set}
+        extra = [tried for tried in kept if tried.candidate.effect.name not in shown]
+        rows += [_fitted_row(diagnosed, number, final, tried, names) for tried in extra]
+        fitted = {tried.candidate.key for tried in (*one.verdict.ranking, *extra)}
+        result += _with_omitted(diagnosed, number, rows)
         result += [
             _row(diagnosed, number, one, score.candidate, score.gain / len(one.base.r))
             for score in one.screening_scores
@@ -32,17 +42,45 @@ def ranking(diagnosed: DiagnosedPart) -> tuple[RankedCandidate, ...]:
     return tuple(result)
 
 
+def _with_omitted(diagnosed: DiagnosedPart, number: int, rows: list[RankedCandidate]) -> list[RankedCandidate]:
+    """The rows of a round with the effects that were named in it and left out later, with the reason."""
+    result, last = list(rows), diagnosed.count + 1
+    for gone in diagnosed.omitted:
+        if min(gone.index + 1, last) != number:
+            continue
+        row = attrs.evolve(
+            _fitted_row(diagnosed, number, gone.searched, gone.effect, ()),
+            in_set=False,
+            named=False,
+            why_not=gone.reason,
+        )
+        same = (row.name, row.variant, row.wire)
+        result = [one for one in result if one.named or (one.name, one.variant, one.wire) != same]
+        if not any((one.name, one.variant, one.wire) == same for one in result):
+            result.append(row)
+    return result
+
+
 def _fitted_row(
-    diagnosed: DiagnosedPart, number: int, searched: SearchRound, one: FittedCandidate, t: float
+    diagnosed: DiagnosedPart,
+    number: int,
+    searched: SearchRound,
+    one: FittedCandidate,
+    indistinguishable: Collection[str],
 ) -> RankedCandidate:
-    """A candidate that was fitted."""
+    """A candidate that was fitted; ``indistinguishable`` are the names of those that are so from the one named."""
     verdict, blocks, block = searched.verdict, diagnosed.blocks, one.candidate.block
     items = {
         item.name.removeprefix(f"{block}."): item
         for item in one.model.problem.unknowns.items
         if item.parameter in one.candidate.free
     }
-    added = verdict.named is not None and number <= diagnosed.count
+    t = float(verdict.t[verdict.ranking.index(one)])
+    name = one.candidate.effect.name
+    named = one is verdict.named and number <= diagnosed.count
+    named = named and name == diagnosed.named[number - 1].candidate.effect.name
+    in_set = named or (one in verdict.indistinguishable and name in indistinguishable)
+    reason = why_not(diagnosed, number, searched, one, t)
     across = mean_loss(searched.experiment_losses, blocks)
     several = diagnosed.has_several_experiments
     removed = across - mean_loss(one.experiment_losses, blocks) if several else float("nan")
@@ -51,11 +89,11 @@ def _fitted_row(
         across=removed,
         new=share_above_noise(removed, across, diagnosed),
         t=t,
-        in_set=added and one in verdict.indistinguishable,
-        named=added and one is verdict.named,
+        in_set=in_set,
+        named=named,
         fitted=True,
         at_bound=one.at_bounds,
-        why_not=why_not(diagnosed, number, searched, one, t),
+        why_not=reason if in_set or reason != INDISTINGUISHABLE else WORSE_BESIDE_OTHERS,
         parameters={name: one.model.values[item.name] for name, item in items.items()},
         units={name: item.unit for name, item in items.items()},
     )
@@ -75,7 +113,7 @@ def _row(
         gain,
         share_above_noise(gain, mean_loss(searched.losses, diagnosed.blocks), diagnosed),
         line=searched.verdict.critical_value,
-        words=candidate.effect.words,
+        words=candidate.words,
     )
 
 

@@ -8,8 +8,10 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.decision import FittedCandidate
+from tsmblocks.diagnosis.diagnosed_part import Omission
 from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, accepted_count, closing_round, rounds_for
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.rejection import RECURRING
 
 MAX_OWN = 2
 """Effects of time with separate sizes in each experiment that are named, at most. Chosen: with three of them, any
@@ -22,8 +24,8 @@ SAME_INSTANT = 10.0
 
 def without_recurring_events(
     rounds: Sequence[SearchRound], search: SearchContext
-) -> tuple[list[SearchRound], list[str]]:
-    """Rounds without effects of time that imitate an irregular error, and a note on them.
+) -> tuple[list[SearchRound], list[str], list[Omission]]:
+    """Rounds without effects of time that imitate an irregular error, a note on them, and these effects.
 
     One sudden change in each experiment is an event. With more of them, each of any size and at any instant, anything
     that comes and goes is imitated, such as sticking now and then; so it is by several disturbances of any phase.
@@ -33,7 +35,7 @@ def without_recurring_events(
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
     events = _imitations(rounds[count].base, named)
     if not events:
-        return rounds, []
+        return rounds, [], []
     kept = [one for one in rounds[:count] if one.verdict.named not in events]
     made, model, shrinkage = rounds_for(kept, search, rounds[0].base)
     effects = [one for one in search.effects if not any(one.name == event.candidate.effect.name for event in events)]
@@ -43,7 +45,7 @@ def without_recurring_events(
         f"to explain the residual takes {len(events)} changes over time ({names}), each with another size in each "
         "experiment: an error that comes and goes so often is irregular, and no effect is named for it."
     )
-    return made, [text]
+    return made, [text], [Omission.of(rounds, one, RECURRING) for one in events]
 
 
 def _imitations(last: Model, named: Sequence[FittedCandidate]) -> list[FittedCandidate]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError, TsmError
 from tsmblocks.common.interrupt import checkpoint
+from tsmblocks.diagnosis.determined import uncertainty_of_effects
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, optimized
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.result import Fit
@@ -54,11 +55,15 @@ def limit_notes(model: Model) -> list[str]:
     return notes
 
 
-def as_fit(model: Model) -> Fit | None:
-    """The model as a result of ``tsm.fit``; None where its parameters are ones that a fit refuses."""
+def as_fit(model: Model, base: Model) -> Fit | None:
+    """The model as a result of ``tsm.fit``, with the uncertainty by which its effects are judged beside the ``base``.
+
+    None where its parameters are ones that a fit refuses.
+    """
     found = OptimizerResult(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
+    known = uncertainty_of_effects(model, base) if len(model.r) > len(model.theta) else None
     try:
-        return summarise(model.problem, model.setup, "gauss-newton", [found])
+        return summarise(model.problem, model.setup, "gauss-newton", [found], known)
     except TsmError:
         return None
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tsmblocks.common.tables import listed
@@ -17,13 +19,18 @@ from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.forward_selection import MIN_EXCESS_SHARE, SearchRound
 
 INDISTINGUISHABLE = "indistinguishable"
+WORSE_BESIDE_OTHERS = "leaves more error beside the other effects"
+NOT_DETERMINED = "left out: not determined beside the other effects"
+RECURRING = "left out: an error that comes and goes so often is irregular"
+LEFT_OUT = (NOT_DETERMINED, RECURRING)
+"""Reasons of effects that were accepted at first."""
 NO_BETTER = "no better on held-out data"
 NOT_SIGNIFICANT = "not significant"
 NO_EXCESS = "the error is within the noise"
 TOO_LITTLE = "removes too little"
 LEAVES_MORE = "leaves more error"
 MORE_GENERAL = "more general, no better"
-STANDS_IN = "stands in for another effect"
+EXPLAINED_BY_OTHER = "explained by another effect"
 NOT_ACCEPTED = "too little beside those named"
 
 
@@ -41,6 +48,25 @@ def why_not(diagnosed: DiagnosedPart, number: int, searched: SearchRound, one: F
         or _unconvincing(diagnosed, searched, one, t)
         or (_beside_named(diagnosed, one, verdict.named) if accepted else _not_accepted(diagnosed, searched, one))
     )
+
+
+def why_named(named: FittedCandidate, indistinguishable: Sequence[FittedCandidate]) -> str:
+    """Why an effect is named rather than those indistinguishable from it, in a sentence; empty where there are none.
+
+    Of effects that explain the residual equally well the one with the fewest parameters is named, and of several with
+    as few, the one that leaves the least error.
+    """
+    others = [one for one in indistinguishable if one is not named]
+    if not others:
+        return ""
+    count, fewest = named.parameter_count, min(one.parameter_count for one in others)
+    if count < fewest:
+        return f"{named.candidate.effect.name} is named because it has the fewest parameters."
+    equal = [one for one in others if one.parameter_count <= count]
+    if all(named.loss <= one.loss for one in equal):
+        few = " of those with as few parameters" if len(equal) < len(others) else ""
+        return f"{named.candidate.effect.name} is named because{few} it leaves the least error on held-out data."
+    return f"{named.candidate.effect.name} is named because it was the simplest when it was found."
 
 
 def _unfit(one: FittedCandidate) -> str:
@@ -83,4 +109,4 @@ def _not_accepted(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCa
     share = (before - one.loss) / max(before - diagnosed.noise_variance, 1e-12)
     if diagnosed.count:
         return NOT_ACCEPTED
-    return STANDS_IN if share >= MIN_EXCESS_SHARE else TOO_LITTLE
+    return EXPLAINED_BY_OTHER if share >= MIN_EXCESS_SHARE else TOO_LITTLE

@@ -15,7 +15,7 @@ from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
 from tsmblocks.diagnosis.cautions import cautions
 from tsmblocks.diagnosis.plain_values import diagnosis_values, ranking_values
-from tsmblocks.diagnosis.settings import Provenance, Simulated
+from tsmblocks.diagnosis.settings import FloorParts, Provenance, Simulated
 from tsmblocks.fitting.result import Fit
 from tsmblocks.model.diagram import Diagram
 
@@ -40,7 +40,8 @@ class NamedEffect:
     data, and ``separating_experiment`` is one that separates them. ``code`` is the line that adds the block. ``sizes``
     are measurable quantities (an amplitude, a gap, a frequency), derived from ``parameters``, the most informative
     first; empty for an effect that defines none. ``other_places`` are the insertion points at which the same effect is
-    indistinguishable from this one.
+    indistinguishable from this one, ``other_forms`` its indistinguishable variants, and ``why_named`` why it is named
+    rather than those.
     """
 
     name: str
@@ -57,6 +58,8 @@ class NamedEffect:
     code: str
     sizes: Mapping[str, Quantity] = attrs.field(factory=dict)
     other_places: tuple[str, ...] = ()
+    other_forms: tuple[str, ...] = ()
+    why_named: str = ""
 
 
 @attrs.frozen
@@ -98,7 +101,7 @@ class Gap:
 
     ``train`` and ``held_out`` hold that of the base and then one for each effect, ``experiments`` those held out by
     experiment. ``noise_floor`` is the noise of the output together with that caused by measured inputs. ``method`` is
-    how it was estimated, ``given`` the text it was given by, if it was.
+    how it was estimated, ``given`` the text it was given by, if it was, ``parts`` what an estimate consists of.
     """
 
     output: str
@@ -109,6 +112,7 @@ class Gap:
     held_out: tuple[float, ...]
     experiments: Mapping[str, tuple[float, ...]]
     given: str = ""
+    parts: FloorParts | None = None
 
 
 @attrs.frozen

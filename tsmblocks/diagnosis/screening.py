@@ -63,19 +63,25 @@ class ScreeningScore:
 
         For the shape that excites the effect best; None where these data do not excite it.
         """
+        limit, _ = self.limit_and_shape(detectable)
+        return limit
+
+    def limit_and_shape(self, detectable: float) -> tuple[float | None, Mapping[str, float]]:
+        """The detection limit, and the shape for which it holds."""
         trials = self.candidate.trials
         strengths, first = trials.strengths, self.candidate.effect.free[0]
         null = self.candidate.effect.null.get(first, np.inf)
-        sizes = []
+        sizes: list[tuple[float, Mapping[str, float]]] = []
         for shape, sensitivity, exceeds_range in self.shape_sizes:
             factor = float(np.sqrt(detectable / sensitivity)) if sensitivity > 0 else np.inf
             if exceeds_range:  # smaller sizes are not in proportion to it
                 factor = max(factor, 1.0)
             if strengths and factor < MAX_SIZE_FACTOR:
-                sizes.append(abs(next(iter(strengths.values()))) * factor)
+                sizes.append((abs(next(iter(strengths.values()))) * factor, shape))
             elif not strengths and factor <= 1:  # towards the null; an infinite one has no proportion
-                sizes.append(null + (shape[first] - null) * factor if abs(null) < MAX_FINITE_NULL else shape[first])
-        return min(map(abs, sizes)) if sizes else None
+                one = null + (shape[first] - null) * factor if abs(null) < MAX_FINITE_NULL else shape[first]
+                sizes.append((abs(one), shape))
+        return min(sizes, key=lambda one: one[0], default=(None, {}))
 
 
 @attrs.frozen(eq=False)

@@ -9,6 +9,7 @@ import attrs
 
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.data import Record, heading
+from tsmblocks.data.noise_floor import Noise
 
 
 @attrs.frozen
@@ -39,6 +40,21 @@ class Simulated:
             "outputs": list(self.outputs),
             "pieces": {name: list(one) for name, one in self.pieces.items()},
         }
+
+
+@attrs.frozen
+class FloorParts:
+    """What an estimated noise floor consists of, in the unit of the output.
+
+    ``value`` is the rms noise of the output with its 95 % interval ``low`` to ``high``; ``from_inputs`` the rms noise
+    that noise of measured inputs causes in the simulated output. ``recordings`` holds what each recording alone shows.
+    """
+
+    value: float
+    low: float
+    high: float
+    from_inputs: float
+    recordings: Mapping[str, Noise]
 
 
 @attrs.frozen

@@ -19,8 +19,10 @@ from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram,
 from tsmblocks.diagnosis.quantities import Estimate, detectable_size
 from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
+from tsmblocks.diagnosis.rejection import why_named
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
 from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Segment, Trace
+from tsmblocks.diagnosis.settings import FloorParts
 from tsmblocks.diagnosis.time_and_distance import second_frequency
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
 from tsmblocks.effects import Effect
@@ -28,6 +30,8 @@ from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.model.diagram import Diagram
 
+NOISE_OF_INPUTS = ", and noise of the inputs"
+"""What is added where noise of measured inputs is a part of the noise floor."""
 INPUT_NOISE_THRESHOLD = 1e-3
 """Variance caused by input noise [output noise variances] from which it is reported. Chosen: below three digits."""
 
@@ -59,7 +63,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         _traces(diagnosed),
         ceiling,
         "",
-        as_fit(diagnosed.final),
+        as_fit(diagnosed.final, base),
         complete=not remains,
         irregular=diagnosed.is_irregular,
         varies_with=diagnosed.varying.words if diagnosed.varying is not None and diagnosed.varies else "",
@@ -105,12 +109,13 @@ def _named(
     same_name = [one.candidate for one in indistinguishable if one.candidate.effect.name == effect.name]
     points = [in_whole_diagram(one.point, diagnosed.part) for one in (candidate, *same_name)]
     _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
+    forms = dict.fromkeys(one.effect.variant for one in same_name)
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
     return NamedEffect(
         effect.name,
         effect.family,
-        effect.words,
+        candidate.words,
         diagnosed.part.name,
         point.words(before),
         candidate.block,
@@ -123,6 +128,8 @@ def _named(
         point.code(candidate.block, effect.block),
         estimate.sizes(candidate),
         tuple(elsewhere),
+        tuple(one for one in forms if one != effect.variant),
+        why_named(same, indistinguishable),
     )
 
 
@@ -151,8 +158,9 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         return sigma * float(np.sqrt(np.mean(r[some] ** 2)))
 
     given = diagnosed.floors.given.get(name, "")
+    from_inputs = diagnosed.search.noise.from_inputs
     if given:
-        more = ", and noise of the inputs" if diagnosed.search.noise_variance > 1 + INPUT_NOISE_THRESHOLD else ""
+        more = NOISE_OF_INPUTS if from_inputs > INPUT_NOISE_THRESHOLD else ""
         given = f"{given} given{more}"
     return Gap(
         name,
@@ -163,7 +171,18 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         tuple(rms(r, rows) for r in held),
         {key: tuple(rms(r, some) for r in held) for key, some in groups.items()},
         given,
+        _floor_parts(diagnosed, name),
     )
+
+
+def _floor_parts(diagnosed: DiagnosedPart, name: str) -> FloorParts | None:
+    """What the noise floor of an output consists of; None where it was given."""
+    floors, share = diagnosed.floors, diagnosed.search.noise.from_inputs
+    if name in floors.given or name not in floors.low:
+        return None
+    sigma = floors.sigma[name]
+    from_inputs = sigma * float(np.sqrt(share)) if share > INPUT_NOISE_THRESHOLD else 0.0
+    return FloorParts(sigma, floors.low[name], floors.high[name], from_inputs, floors.recordings.get(name, {}))
 
 
 def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
@@ -177,12 +196,12 @@ def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
     for p in scores:
         detectable = max(material * len(last.base.r), by_noise[p])
-        effect, limit = p.candidate.effect, p.detection_limit(detectable)
+        effect, (limit, shape) = p.candidate.effect, p.limit_and_shape(detectable)
         parameter = next(iter(p.candidate.trials.strengths), effect.free[0])
         unit = next((i.unit for i in p.problem.unknowns.items if i.parameter == f"{p.candidate.block}.{parameter}"), "")
         old = found.get(effect.name)
         if old is None or (old.value is None and limit is not None):
-            size = ("", 0.0, "") if limit is None else detectable_size(p.candidate, parameter, limit)
+            size = ("", 0.0, "") if limit is None else detectable_size(p.candidate, parameter, limit, shape)
             found[effect.name] = DetectionLimit(effect.name, parameter, limit, unit, effect.excites, *size)
     for one in diagnosed.search.effects:
         found.setdefault(one.name, DetectionLimit(one.name, one.free[0], None, "", one.excites))

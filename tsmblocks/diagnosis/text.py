@@ -8,23 +8,28 @@ from collections.abc import Sequence
 
 from tsmblocks.common.tables import WIDTH, columns, line_width, listed, table_width
 from tsmblocks.common.views import no_view
+from tsmblocks.data.noise_floor import CONTENT
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.presentation import (
-    FLOOR_WORDS,
     by_removed,
     digits,
     display_unit,
     fitted_rms,
-    floor_text,
+    floor_methods,
+    floor_rows,
+    floor_sentence,
     in_display_units,
     output_traces,
     with_interval,
 )
-from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, RankedCandidate, Segment
+from tsmblocks.diagnosis.rejection import LEFT_OUT
+from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.diagnosis.script import script_lines
+from tsmblocks.diagnosis.variants import explained
 from tsmblocks.diagnosis.verdict_text import (
+    alternatives,
     candidate_title,
     next_steps,
     percent,
@@ -34,22 +39,13 @@ from tsmblocks.diagnosis.verdict_text import (
 )
 from tsmblocks.fitting.text import estimate_rows
 
-MAX_NAME_LENGTH, MIN_HEADING_LENGTH = 28, 14
-"""Characters at which a name in a table is cut, and those that a heading of a column has at least, in lines of 80.
+MAX_NAME_LENGTH, MIN_HEADING_LENGTH = 28, 11
+"""Characters at which a name in a table is cut, and at which a heading of a column is broken at least, in lines of 80.
 Chosen."""
 NUMBERS_WIDTH = 32
 """Characters of the columns of numbers in a table of candidates. Measured."""
 MIN_TITLE_WIDTH, MIN_REASON_WIDTH = 14, 24
 """Characters that a table of candidates has at least for their names, and for reasons in a column. Chosen."""
-VARIANT_WORDS = {
-    "own sizes": "with a separate size in each recording",
-    "own sizes and times": "with a separate size at a separate instant in each recording",
-    "across": "on the output, depending on the input",
-    "drive": "on the signal that drives the plant",
-    "loop": "of the width of the hysteresis, which may be zero before",
-    "loop of the input": "of the width of the hysteresis, by the motion of the input",
-}
-"""Variants of effects whose names do not say enough, in words."""
 MAX_ROWS = 8
 """Candidates of a round that are reported. Chosen."""
 MAX_ROWS_UNNAMED = 3
@@ -99,11 +95,12 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
     k, unit = display_unit(gap.unit)
     last = ["fitted"] if len(gap.train) == 1 else ["fit before", "fit after"]
     first = f"held-out rms of {gap.output} [{unit or 'its unit'}]"
-    floor = f"noise floor ({gap.given or gap.method})" if gap.given or gap.method not in FLOOR_WORDS else "noise floor"
+    estimated = not gap.given and gap.method in CONTENT
+    floor = "noise floor" if estimated else f"noise floor ({gap.given or gap.method})"
     made = column_titles(segment)
     room = table_width() - max(len(first), len(floor)) - sum(len(title) + 2 for title in (made[0], *last))
     width = max(MIN_HEADING_LENGTH, room // max(len(made) - 1, 1) - 2)
-    titles = [*(_cut(title, width) for title in made), *last]
+    titles = _headings([*made, *last], width)
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     rows: list[tuple[str, tuple[float, ...], tuple[float, ...]]] = [
         ("all", gap.held_out, (gap.train[0], gap.train[-1]))
@@ -113,12 +110,30 @@ def _gap_table(segment: Segment, gap: Gap) -> str:
             (_cut(name, _name_length()), held_out, fitted.get(name, ())) for name, held_out in gap.experiments.items()
         ]
     rows.append((floor, (gap.noise_floor,), ()))
-    table = [[first, *titles]]
+    table = [["", *line] for line in titles[:-1]] + [[first, *titles[-1]]]
     for name, held_out, own in rows:
         cells = [name, *(digits(k * v) for v in (*held_out, *own[: len(last)]))]
-        table.append(cells + [""] * (1 + len(titles) - len(cells)))
-    below = f"\n{_filled(f'noise floor {floor_text(gap)}.')}" if floor == "noise floor" else ""
-    return f"{columns(table)}{below}"
+        table.append(cells + [""] * (1 + len(titles[0]) - len(cells)))
+    return "\n".join([columns(table), *(_floor(gap) if estimated else [])])
+
+
+def _headings(titles: Sequence[str], width: int) -> list[list[str]]:
+    """Lines of headings of columns, in which long names are broken after an underscore."""
+    wrapped = [textwrap.wrap(title.replace("_", "_ "), width, break_long_words=False) for title in titles]
+    lines = [[line.replace("_ ", "_") for line in parts] for parts in wrapped]
+    count = max(map(len, lines))
+    return [list(row) for row in zip(*([""] * (count - len(parts)) + parts for parts in lines), strict=True)]
+
+
+def _floor(gap: Gap) -> list[str]:
+    """Where a noise floor comes from, and what each recording alone shows."""
+    rows = floor_rows(gap)
+    by_recording = [
+        "",
+        columns(rows, left=(0, 4)),
+        *([_filled(f"{'; '.join(more)}.")] if (more := floor_methods(gap)) else []),
+    ]
+    return [_filled(floor_sentence(gap)), *(by_recording if rows else [])]
 
 
 def _residual_location(segment: Segment) -> list[str]:
@@ -128,29 +143,27 @@ def _residual_location(segment: Segment) -> list[str]:
 
 def _ranking(segment: Segment) -> list[str]:
     """The candidates that were fitted, by round, and how many were screened out."""
-    parts, variants = list[str](), list[str]()
+    parts, variants = list[str](), set[str]()
     for number in sorted({r.round for r in segment.ranking}):
         here = [r for r in segment.ranking if r.round == number]
         fitted = by_removed(r for r in here if r.fitted)
         if not fitted:
             continue
         most = MAX_ROWS_UNNAMED if segment.effects and not any(r.named for r in fitted) else MAX_ROWS
-        shown = [r for k, r in enumerate(fitted) if k < most or r.named or r.in_set]
+        shown = [r for k, r in enumerate(fitted) if k < most or r.named or r.in_set or r.why_not in LEFT_OUT]
         rest = len(here) - len(shown)
         more = f"\nOther candidates, screened out or with a smaller reduction: {rest}." if rest else ""
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
-        parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{more}")
-        variants += [name for r in shown for name in r.variant.split(", ")]
+        legend = "".join(f"\n{_filled(text)}" for text in filter(None, [explained(shown, variants)]))
+        parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{legend}{more}")
     if not parts:
         return []
     new = "new exp.: the same with whole experiments held out; " if len(segment.gaps[0].experiments) > 1 else ""
-    explained = (
+    key_words = (
         "removes: reduction of the error above the noise floor, on held-out time blocks; "
         f"{new}< 0 %: the error grows. t: t-statistic of the reduction; (in brackets) its critical value (95 %)."
     )
-    known = [f"{name}: {words}" for name, words in VARIANT_WORDS.items() if name in variants]
-    legend = [_filled(f"Variants: {'; '.join(known)}.")] if known else []
-    return [*parts, "\n".join([_filled(explained), *legend])]
+    return [*parts, _filled(key_words)]
 
 
 def _candidate_table(segment: Segment, shown: Sequence[RankedCandidate]) -> str:
@@ -244,14 +257,19 @@ def _script(diagnosis: Diagnosis) -> list[str]:
     return [*filter(None, [_filled(initial_states_text(diagnosis))]), "\n".join(lines)]
 
 
+def indistinguishable_text(effect: NamedEffect) -> str:
+    """The effects that are indistinguishable from one, why it is named, and what separates them; empty without any."""
+    others = alternatives(effect)
+    if not others:
+        return ""
+    parts = [f"{effect.name} is indistinguishable from {listed(others, 9)} with these data.", effect.why_named]
+    if effect.also_possible:
+        parts.append(f"To separate them: {effect.separating_experiment or 'another experiment'}.")
+    return " ".join(filter(None, parts))
+
+
 def _indistinguishable(segment: Segment) -> list[str]:
-    texts = [
-        f"{e.name} is indistinguishable from {listed(e.also_possible, 9)} with these data. To separate them: "
-        f"{e.separating_experiment or 'another experiment'}."
-        for e in segment.effects
-        if e.also_possible
-    ]
-    return _bullets("indistinguishable effects", texts)
+    return _bullets("indistinguishable effects", [*filter(None, map(indistinguishable_text, segment.effects))])
 
 
 def limit_text(one: DetectionLimit) -> str:

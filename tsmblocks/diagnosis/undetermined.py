@@ -9,6 +9,7 @@ import numpy as np
 
 from tsmblocks.diagnosis.decision import FittedCandidate, Shrinkage, held_out_losses, mean_loss, shrinkage_of
 from tsmblocks.diagnosis.determined import is_determined
+from tsmblocks.diagnosis.diagnosed_part import Omission
 from tsmblocks.diagnosis.forward_selection import (
     MAX_EFFECTS,
     SearchContext,
@@ -20,6 +21,7 @@ from tsmblocks.diagnosis.forward_selection import (
 )
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.quantities import Estimate
+from tsmblocks.diagnosis.rejection import NOT_DETERMINED
 from tsmblocks.effects import Effect, Relative
 
 MAX_TURNS = 2
@@ -29,13 +31,15 @@ LeftOut = tuple[list[SearchRound], Model, Shrinkage]
 """The rounds of the effects that stay, the model with them, and their shrinkage."""
 
 
-def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
-    """Rounds in which every accepted effect is determined beside all the others.
+def without_undetermined(
+    rounds: Sequence[SearchRound], search: SearchContext
+) -> tuple[list[SearchRound], list[Omission]]:
+    """Rounds in which every accepted effect is determined beside all the others, and those that were left out.
 
     One that is not is left out, or the one that was named last and made it so, whichever leaves less. The search then
     continues without its name: the next best candidate is tried, which may be a simpler variant of the same effect.
     """
-    rounds, base = list(rounds), rounds[0].base
+    rounds, base, omitted = list(rounds), rounds[0].base, list[Omission]()
     for more in reversed(range(MAX_EFFECTS)):
         accepted = rounds[: accepted_count(rounds, search)]
         named = [one.verdict.named for one in accepted if one.verdict.named is not None]
@@ -45,13 +49,14 @@ def without_undetermined(rounds: Sequence[SearchRound], search: SearchContext) -
         outs = [open_ones[-1]] if named[-1] is open_ones[-1] else [open_ones[-1], named[-1]]
         left = [rounds_for([one for one in accepted if one.verdict.named is not out], search, base) for out in outs]
         best = int(np.argmin([_loss(one, search) for one in left]))
+        omitted.append(Omission.of(rounds, outs[best], NOT_DETERMINED))
         gone, (rounds, model, shrinkage) = outs[best].candidate.effect, left[best]
         search = attrs.evolve(search, effects=[one for one in search.effects if _may_follow(one, gone)])
         if more >= MAX_EFFECTS - MAX_TURNS:
             forward_search(model, shrinkage, search, rounds)
         else:
             rounds.append(closing_round(model, shrinkage, search))
-    return rounds
+    return rounds, omitted
 
 
 def _may_follow(one: Effect | Relative, gone: Effect) -> bool:

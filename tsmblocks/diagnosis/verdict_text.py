@@ -31,8 +31,7 @@ def verdict_sentence(segment: Segment) -> str:
     if segment.verdict == "named":
         named = [f"{e.words} ({_size(e, segment)})" for e in segment.effects]
         effects = f"Unmodelled effect{'s' if len(named) > 1 else ''}"
-        also = sorted({name for e in segment.effects for name in e.also_possible})
-        possible = f"Also possible: {listed(also, 9) if also else _no_other(segment)}."
+        possible = _also_possible(segment)
         first = "" if segment.complete else "The named effects do not explain the whole residual. "
         possible += _other_places(segment.effects)
         return f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
@@ -48,6 +47,21 @@ def verdict_sentence(segment: Segment) -> str:
     )
     none = f"No unmodelled effect {between} is detectable with these data."
     return f"{none} {_error(segment)}{_slow_noise(segment) or weak}{_implausible_floor(segment)}"
+
+
+def alternatives(effect: NamedEffect) -> list[str]:
+    """The effects, and the other forms of the same effect, that are indistinguishable from the one named."""
+    return [*effect.also_possible, *(f"{effect.name} ({form})" if form else effect.name for form in effect.other_forms)]
+
+
+def _also_possible(segment: Segment) -> str:
+    """The sentence on effects that explain the residual as well; of several effects on each of them."""
+    found = {e.block: alternatives(e) for e in segment.effects if alternatives(e)}
+    if not found:
+        return f"Also possible: {_no_other(segment)}."
+    if len(segment.effects) == 1:
+        return f"Also possible: {listed(next(iter(found.values())), 9)}."
+    return f"Also possible: {'; '.join(f'{listed(names, 9)} instead of {block}' for block, names in found.items())}."
 
 
 def _best(segment: Segment) -> str:

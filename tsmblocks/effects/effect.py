@@ -11,6 +11,7 @@ import attrs
 from tsmblocks.blocks import Sum
 from tsmblocks.common.errors import ParameterError, in_words, near
 from tsmblocks.common.tables import listed
+from tsmblocks.common.units import parse
 from tsmblocks.effects.sizes import Size, on_second_signal
 from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.block import Block, leaves
@@ -25,6 +26,12 @@ drives the measured output (a force, a voltage: two integrations before it, or o
 ``load``: there too, and its input ``x`` reads the motion. ``brake``: the same where the measured motion is a speed, by
 its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. An effect made for one diagram
 names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
+QUANTITIES = {
+    parse(unit).dimension: kind
+    for kind, units in {"position": ("rad", "m"), "speed": ("rad/s", "m/s")}.items()
+    for unit in units
+}
+"""Dimension of a signal -> what it is, for ``other_words``; anything else is ``"other"``."""
 TWO_SIGNAL_PLACES = ("across", "load", "brake")
 """Places at which the input ``x`` of an effect's block is connected to a second signal."""
 
@@ -78,6 +85,9 @@ class Effect:
     sizes : tuple of Size, default ()
         Measurable sizes of it, the most informative first: an amplitude, a gap, a frequency. Texts and pages report
         them with intervals; for an effect without any they report the parameters.
+    other_words : mapping of str to str, default {}
+        The words where the signal on which it acts is of another quantity: ``"position"`` (an angle or a length),
+        ``"speed"``, or ``"other"``.
 
     Raises
     ------
@@ -121,6 +131,23 @@ class Effect:
     local: tuple[str, ...] = ()
     adds: Callable[[Diagram, str], Diagram] | None = attrs.field(default=None, repr=False)
     sizes: tuple[Size, ...] = attrs.field(default=(), repr=False)
+    other_words: Mapping[str, str] = attrs.field(factory=dict, repr=False)
+
+    def words_on(self, unit: str) -> str:
+        """Return the words for a signal on which the effect acts.
+
+        Parameters
+        ----------
+        unit : str
+            The unit of the signal; empty where it is not known.
+
+        Returns
+        -------
+        str
+            The words for this quantity; those of the effect where it has no others.
+        """
+        kind = QUANTITIES.get(parse(unit).dimension, "other") if unit else ""
+        return self.other_words.get(kind, self.words)
 
     @property
     def receiver(self) -> str:
@@ -153,7 +180,8 @@ class Effect:
 def in_front(effect: Effect, words: str = "") -> Effect:
     """The variant of an effect that acts on the input, in front of the whole model; its ``words`` say so."""
     said = words or f"{effect.words}, in front of the model"
-    return attrs.evolve(effect, words=said, place="input", variant="input")
+    others = {kind: f"{said}, in front of the model" for kind, said in effect.other_words.items()}
+    return attrs.evolve(effect, words=said, place="input", variant="input", other_words=others)
 
 
 def across(effect: Effect, name: str, variant: str) -> Effect:

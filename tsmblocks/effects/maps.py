@@ -300,6 +300,7 @@ RIPPLE = Effect(
         PERIOD_OF_RIPPLE,
         Size("position of a crest", lambda p, _: math.atan2(p["sine"], p["cosine"]) / p["cycles"]),
     ),
+    other_words=dict.fromkeys(("speed", "other"), "a ripple over the value of the signal"),
 )
 EFFECTS = (
     _slack("low"),
@@ -378,6 +379,7 @@ EFFECTS = (
     attrs.evolve(
         RIPPLE,
         words="a ripple of the force over the position (cogging)",
+        other_words={},
         place="load",
         block=_subtracted_force("cogging", Ripple()),
         null={"force.cosine": 0.0, "force.sine": 0.0},
@@ -401,5 +403,6 @@ EFFECTS = (
         confused=("asymmetric_friction", "drift"),
         separates="the mechanism upside down, or unloaded",
         sizes=(in_proportion("offset", "bias"),),
+        other_words=dict.fromkeys(("position", "speed"), "an offset of the command"),
     ),
 )

@@ -121,6 +121,8 @@ class Replacement(Effect):
         Not used.
     sizes : tuple of Size, default ()
         As for ``Effect``.
+    other_words : mapping of str to str, default {}
+        Not used.
     relative : Relative
         The relative.
     replaces : str

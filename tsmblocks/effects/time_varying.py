@@ -146,6 +146,7 @@ JUMP = Effect(
 LOAD_STEP = attrs.evolve(
     JUMP,
     words="a step of the load",
+    other_words=dict.fromkeys(("position", "speed"), "a step of the command"),
     place="drive",
     confused=("load_offset", "periodic_disturbance"),
     separates="the same motion without the load",

@@ -10,7 +10,7 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
-from tsmblocks.data.noise_floor import noise_of_recordings
+from tsmblocks.data.noise_floor import method_text, noise_of_recordings
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
@@ -52,7 +52,8 @@ def beyond_noise(fit: Fit) -> list[str]:
             size = f"{k * noise:.3g} {unit}".rstrip()
             held = "a bound or constraint prevents a better fit, or " if fit.active else ""
             said.append(
-                f"The residual of {name} is {factor_text(rms / noise)} times the noise ({size} rms, {method}): {held}"
+                f"The residual of {name} is {factor_text(rms / noise)} times the noise ({size} rms, "
+                f"{method_text(method)}): {held}"
                 "the model lacks an effect, and the intervals do not cover it. A diagnosis (tsm.diagnose, tsmblocks "
                 "diagnose) searches for it."
             )

@@ -9,6 +9,7 @@ from itertools import combinations
 import attrs
 import numpy as np
 
+from tsmblocks.common.rounding import plus_minus
 from tsmblocks.common.tables import listed
 from tsmblocks.fitting.column_space import column_space
 from tsmblocks.fitting.jacobian import Jacobian
@@ -40,7 +41,8 @@ class Undetermined:
     matter together) or ``"uncertain"`` (an estimate whose interval is wider than the parameter itself).
     ``names`` are the parameters, ``changes`` by which share of its size each moves along the combination, the
     largest being 1; ``effect`` is what moving all of them by a hundredth of that changes, in rms values of
-    the residual. ``words`` says it in a sentence.
+    the residual. ``words`` says it in a sentence. ``exact`` is True for a combination that changes nothing but
+    rounding: then its parameters have no intervals of their own.
     """
 
     kind: str
@@ -48,6 +50,7 @@ class Undetermined:
     changes: tuple[float, ...]
     effect: float
     words: str
+    exact: bool = False
 
 
 def sizes(theta: np.ndarray, start: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -73,13 +76,14 @@ def undetermined(
     low: np.ndarray | None = None,
     high: np.ndarray | None = None,
     nearest: bool = False,
+    units: Sequence[str] | None = None,
 ) -> tuple[Undetermined, ...]:
     """The parameters and combinations that are not identifiable from the data, the plainest first.
 
     ``J`` (N, p), ``r`` (N,), ``prior`` and ``held`` are those of the ``uncertainty`` that is ``known``.
     ``scales`` (p,) are the changes that count as all of a parameter (``sizes``; by default what was found,
     one for zero); ``low`` and ``high`` (p,) are bounds. ``nearest`` says that along combinations without any effect
-    the values nearest to the diagram's own were taken.
+    the values nearest to the diagram's own were taken. ``units`` (p,) are those of the parameters.
 
     Moving along a direction by all of its parameters' size must change the residuals by more than their autocorrelated
     noise can: otherwise the direction is named. For the data as a whole, that is when its confidence interval is wider
@@ -88,13 +92,14 @@ def undetermined(
     theta = np.asarray(theta, dtype=float)
     scales = np.where(theta != 0, np.abs(theta), 1.0) if scales is None else np.asarray(scales, dtype=float)
     moved = Jacobian.of(J).scaled(scales)  # what each parameter changes when moved by all of its size
-    wording = _Wording(tuple(names), moved, float(np.sqrt(np.mean(np.square(r)))), theta, scales)
+    labels = ("",) * len(names) if units is None else tuple(units)
+    wording = _Wording(tuple(names), moved, float(np.sqrt(np.mean(np.square(r)))), theta, scales, labels)
     silent, weak = _without_effect(moved, scales, prior, held)
     found = [wording.without_influence(int(i)) for i in np.flatnonzero(silent)]
-    found += [wording.combination(v, "only matter through a combination", nearest=nearest) for v in weak]
+    found += [wording.combination(v, exact=True, nearest=nearest) for v in weak]
     half = intervals(np.zeros(len(theta)), known.covariance, known.freedom)[1] / scales
     vague = [v for v in _vague(known, scales, half) if (np.abs(v) >= LEADING).sum() > 1]
-    found += [wording.combination(v, "are indistinguishable with these data", LEADING) for v in vague]
+    found += [wording.combination(v, exact=False) for v in vague]
     named = {name for u in found for name in u.names}
     box = np.full(len(theta), math.inf)
     if low is not None and high is not None:
@@ -196,6 +201,7 @@ class _Wording:
     rms: float
     theta: np.ndarray
     scales: np.ndarray
+    units: tuple[str, ...]
 
     def effect(self, v: np.ndarray) -> float:
         """The change of the outputs by a hundredth of ``v``, in rms values of the residual."""
@@ -208,27 +214,39 @@ class _Wording:
         words = f"{name} has no influence on the outputs in these experiments."
         return Undetermined(NO_INFLUENCE, (name,), (1.0,), self.effect(v), words)
 
-    def combination(self, v: np.ndarray, what: str, small: float = SMALL, nearest: bool = False) -> Undetermined:
-        """Several parameters along ``v``, in the order given; those of ``small`` part are mentioned last."""
-        main = [i for i in range(len(v)) if abs(v[i]) >= small]
-        passing = [i for i in range(len(v)) if PASSING <= abs(v[i]) < small]
+    def combination(self, v: np.ndarray, *, exact: bool, nearest: bool = False) -> Undetermined:
+        """Several parameters along ``v``, in the order given, that change nothing (``exact``) or hardly anything.
+
+        Those of small part, and initial states beside parameters, are mentioned last.
+        """
+        small = SMALL if exact else LEADING
+        every = [i for i in range(len(v)) if abs(v[i]) >= small]
+        main = [i for i in every if "@" not in self.names[i]] or every
+        others = [i for i in range(len(v)) if i not in main and (i in every or PASSING <= abs(v[i]) < small)]
         v = v * np.sign(v[main[0]])
         effect, (moves, factor) = self.effect(v), self.moves(v, main)
         shown = sorted(sorted(main, key=lambda i: -abs(v[i]))[:MOST_NAMED]) if len(main) > MOST_NAMED + 1 else main
-        steps = [moves[i] for i in shown] + [f"moving {len(main) - len(shown)} more"] * (len(main) > len(shown))
-        chain = steps[0] if len(steps) == 1 else f"{steps[0]} while {listed(steps[1:], MOST_NAMED + 1)}"
-        also = f" (and {listed([self.names[i] for i in passing], 3)} by much smaller amounts)" if passing else ""
-        changed = factor * effect
-        amount = f"{changed:.1g} of the residual" if 0 < changed < math.inf else "no more than rounding"
-        subject = listed([self.names[i] for i in main], MOST_NAMED) + (
-            f" {what}" if len(main) > 1 else " hardly matters"
+        steps = [moves[i] for i in shown] + [f"{len(main) - len(shown)} more changed"] * (len(main) > len(shown))
+        also = f" (and {listed([self.names[i] for i in others], 3)} adjusted)" if others else ""
+        names = listed([self.names[i] for i in main], MOST_NAMED)
+        what = "are determined only in combination" if exact else "are indistinguishable with these data"
+        alone = "is not determined separately" if others else "hardly matters"
+        words = (
+            f"{names} {what if len(main) > 1 else alone}: with {listed(steps, MOST_NAMED + 1)}{also}, "
+            f"{self.change(exact, factor * effect)}."
         )
-        choice = " Of the values that fit equally well, those nearest to the diagram's own are used." if nearest else ""
-        words = f"{subject}: {chain}{also} changes the outputs by {amount}.{choice}"
-        named = [*main, *(passing if small == SMALL else [])]
-        return Undetermined(
-            COMBINATION, tuple(self.names[i] for i in named), tuple(float(v[i]) for i in named), effect, words
-        )
+        words += " Of the values that fit equally well, those nearest to the diagram's own are used." if nearest else ""
+        named = [i for i in range(len(v)) if i in every or (exact and i in others)]
+        named.sort(key=lambda i: (i not in every, i))
+        parts = tuple(self.names[i] for i in named), tuple(float(v[i]) for i in named)
+        return Undetermined(COMBINATION, *parts, effect, words, exact)
+
+    @staticmethod
+    def change(exact: bool, amount: float) -> str:
+        """By how much the outputs change, in rms values of the residual."""
+        if exact or not 0 < amount < math.inf:
+            return "the outputs stay the same"
+        return f"the outputs change by no more than {amount:.1g} times the residual"
 
     def moves(self, v: np.ndarray, main: list[int]) -> tuple[dict[int, str], float]:
         """What each parameter of ``main`` does along ``v``, the largest step being 1 % of what was found; and how many
@@ -241,12 +259,13 @@ class _Wording:
         for i in main:
             size = factor * step[i]
             by = f"{size / abs(self.theta[i]):.2g} %" if i in known else f"{0.01 * size:.2g}"
-            made[i] = f"{'raising' if v[i] > 0 else 'lowering'} {self.names[i]} by {by}"
+            made[i] = f"{self.names[i]} {by} {'higher' if v[i] > 0 else 'lower'}"
         return made, factor
 
     def uncertain(self, i: int, value: float, half: float, beyond: bool) -> Undetermined:
         """One parameter whose interval is wider than it, or (``beyond``) than its bounds."""
         than = "its bounds are apart" if beyond else "the parameter itself"
-        words = f"{self.names[i]} is hardly determined: {value:.3g} ± {half:.2g}, an interval wider than {than}."
+        estimate = plus_minus(value, half, self.units[i])
+        words = f"{self.names[i]} is hardly determined: {estimate}, an interval wider than {than}."
         v = np.eye(len(self.names))[i]
         return Undetermined(UNCERTAIN, (self.names[i],), (1.0,), self.effect(v), words)

@@ -14,7 +14,7 @@ from tsmblocks.fitting.parameter_vector import Unknown
 from tsmblocks.model.block import Field, is_reference, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.parameters import near_path
-from tsmblocks.model.unit_inference import SHARED_UNIT
+from tsmblocks.model.unit_inference import RATIO_OF_UNITS, SHARED_UNIT
 
 FAR = 1e100
 """A bound beyond this counts as none. Chosen."""
@@ -147,25 +147,38 @@ def unknown(name: str, diagram: Diagram, fields: list[Field], own: tuple[float, 
             f"'{name}' starts at {value:g}, outside its bounds of {low:g} to {high:g}. Start inside: "
             f"start={{'{name}': …}}, or other bounds."
         )
-    unit = next((f.unit for f in fields if f.unit and "?" not in f.unit), "") or _unit_of_port(name, diagram, fields)
+    unit = unit_of(name, diagram, fields)
     about = fields[0].about if fields else "shared number"
     return Unknown(name, value, low, high, unit, about)
 
 
-def _unit_of_port(name: str, diagram: Diagram, fields: list[Field]) -> str:
-    """The unit of a number that shares it with a port of its block, read from the wires; ``""`` where none gives it."""
+def unit_of(name: str, diagram: Diagram, fields: list[Field]) -> str:
+    """The unit of a number: as declared, or that which the wires give the ports of its block; ``""`` without either."""
+    declared = next((f.unit for f in fields if f.unit and "?" not in f.unit), "")
+    return declared or (_unit_of_ports(name, diagram, fields[0].unit) if fields else "")
+
+
+def _unit_of_ports(name: str, diagram: Diagram, label: str) -> str:
+    """The unit of a number that depends on those of the ports of its block, such as ``?u*s`` or ``?y/?u``."""
     block: Any = diagram
     *way, _ = name.split(".")
     for part in way:
         block = block.blocks.get(part) if isinstance(block, Diagram) else None
-    if not way or isinstance(block, Diagram | None) or not fields:
+    if not way or isinstance(block, Diagram | None):
         return ""
     ports = {**block.inports, **block.outports}
-    shared = SHARED_UNIT.fullmatch(fields[0].unit)
+
+    def of_letter(letter: str) -> str:
+        """The unit of the ports that share a letter."""
+        alike = [port for port, spec in ports.items() if spec.unit == f"?{letter}"]
+        return next((unit for port in alike if (unit := diagram.unit(".".join([*way, port])))), "")
+
+    if ratio := RATIO_OF_UNITS.fullmatch(label):
+        return units.quotient(of_letter(ratio[1]), of_letter(ratio[2]))
+    shared = SHARED_UNIT.fullmatch(label)
     if shared is None:
         return ""
-    alike = [port for port, spec in ports.items() if spec.unit == f"?{shared[1]}"]
-    unit = next((unit for port in alike if (unit := diagram.unit(".".join([*way, port])))), "")
+    unit = of_letter(shared[1])
     for sign, base, power in re.findall(r"([*/])(\w+)(?:\^(\d+))?", shared[2] if unit else ""):
         for _ in range(int(power or 1)):
             unit = units.times(unit, base, 1 if sign == "*" else -1)

@@ -223,6 +223,7 @@ class Fit:
             As ``tsmblocks fit --json`` prints it.
         """
         from tsmblocks.fitting.above_noise import beyond_noise
+        from tsmblocks.fitting.recorded_range import beyond_range
 
         return {
             "format": 1,
@@ -241,7 +242,7 @@ class Fit:
                 "rms": [float(np.sqrt(2 * s.cost / max(self._samples, 1))) for s in self.searches],
             },
             "evaluations": sum(s.evaluations for s in self.searches),
-            "notes": [*self.notes, *beyond_noise(self)],
+            "notes": [*self.notes, *beyond_range(self), *beyond_noise(self)],
         }
 
     @property

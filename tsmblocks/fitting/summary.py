@@ -10,7 +10,7 @@ import numpy as np
 from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
-from tsmblocks.fitting.identifiability import Undetermined, sizes, undetermined
+from tsmblocks.fitting.identifiability import NO_INFLUENCE, Undetermined, sizes, undetermined
 from tsmblocks.fitting.input_checks import runs_ahead
 from tsmblocks.fitting.input_noise import filtered_problem, input_noise_note
 from tsmblocks.fitting.jacobian import Jacobian
@@ -26,8 +26,8 @@ from tsmblocks.model.diagram import Diagram
 
 TOUCHING = 1e-7
 """Distance from a bound, relative to the parameter, that counts as none. Chosen."""
-VERDICTS = {"no influence": "no influence", "combination": "not determined", "uncertain": "uncertain"}
-"""Verdict on a parameter that is not identifiable, by kind."""
+UNCERTAIN_VERDICT, OPEN_VERDICT = "uncertain", "not determined"
+"""Verdicts on parameters with an interval that is wide, and without one."""
 NEXT_TO_NOTHING = 1.0
 """Explained variation [%] up to which a diagram explains hardly more than a constant. Chosen."""
 SAME = 1.0
@@ -51,13 +51,18 @@ class _Optimum:
     undetermined: tuple[Undetermined, ...]
 
 
-def summarise(problem: Problem, setup: Setup, method: str, searches: list[OptimizerResult]) -> Fit:
-    """The result of a fit from the outcomes of its searches, best first."""
+def summarise(
+    problem: Problem, setup: Setup, method: str, searches: list[OptimizerResult], known: Uncertainty | None = None
+) -> Fit:
+    """The result of a fit from the outcomes of its searches, best first.
+
+    ``known`` is the uncertainty that it reports; by default that of a fit whose active bounds are held.
+    """
     best, unknowns = searches[0], problem.unknowns
     differences = simulated_differences(
         setup, [unknowns.parameters(best.theta, e) for e in range(len(setup.experiments))]
     )
-    optimum = _optimum(problem, best)
+    optimum = _optimum(problem, best, known)
     diagrams = {name: _fitted(setup.diagram, problem, best.theta, e) for e, name in enumerate(unknowns.experiments)}
     simulation = simulated_as(setup, [_starts_of(problem, setup, best.theta, e) for e in range(len(diagrams))])
     diagrams = {name: diagram.with_simulation(simulation) for name, diagram in diagrams.items()}
@@ -100,7 +105,7 @@ def _starts_of(problem: Problem, setup: Setup, theta: np.ndarray, e: int) -> dic
     return own
 
 
-def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
+def _optimum(problem: Problem, best: OptimizerResult, known: Uncertainty | None = None) -> _Optimum:
     """What is known where the best search ended."""
     theta, unknowns = best.theta, problem.unknowns
     residuals, jacobian = problem.jacobian(theta, best.difference_steps)
@@ -115,7 +120,8 @@ def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
     rows = gradients if len(gradients) else None
     prior = np.diag(problem.prior_derivatives(theta)[1]) if len(problem.priors.which) else None
     noise = None if prior is None else problem.noise
-    known = uncertainty(jacobian, residuals, problem.segments, prior=prior, noise=noise, held=rows)
+    if known is None:
+        known = uncertainty(jacobian, residuals, problem.segments, prior=prior, noise=noise, held=rows)
     if best.plateau is not None:  # anything between two jumps is as good
         known = attrs.evolve(known, covariance=known.covariance + np.diag(best.plateau**2 / 3))
     open_ = undetermined(
@@ -130,6 +136,7 @@ def _optimum(problem: Problem, best: OptimizerResult) -> _Optimum:
         low=unknowns.low,
         high=unknowns.high,
         nearest=best.plateau is None and best.status != "interrupted",
+        units=[item.unit for item in unknowns.items],
     )
     return _Optimum(theta, residuals, jacobian, active, rows, prior, known, open_)
 
@@ -202,10 +209,12 @@ def _estimates(problem: Problem, setup: Setup, at: _Optimum) -> tuple[Estimate, 
     """Each unknown with its confidence interval."""
     theta, known = at.theta, at.known
     low, high = intervals(theta, known.covariance, known.freedom)
+    open_ = {name for u in at.undetermined if u.exact for name in u.names}
     free = np.array([k not in at.active for k in range(len(theta))])
-    has_error = free & np.isfinite(known.errors) & (known.errors > 0)
+    alone = np.array([name not in open_ for name in problem.unknowns.names])
+    has_error = free & alone & np.isfinite(known.errors) & (known.errors > 0)
     errors, low, high = (np.where(has_error, v, np.nan) for v in (known.errors, low, high))
-    verdicts = {name: VERDICTS[u.kind] for u in at.undetermined for name in u.names}
+    verdicts = {name: _verdict(u) for u in sorted(at.undetermined, key=lambda u: u.exact) for name in u.names}
     fields = numbers(setup.diagram)
     made = []
     for k, item in enumerate(problem.unknowns.items):
@@ -220,6 +229,13 @@ def _estimates(problem: Problem, setup: Setup, at: _Optimum) -> tuple[Estimate, 
             Estimate(item.name, value, error, lowest, highest, item.unit, item.about, item.start, verdict, start)
         )
     return tuple(made)
+
+
+def _verdict(found: Undetermined) -> str:
+    """The verdict on a parameter: not determined where it has no interval, uncertain where it has a wide one."""
+    if found.kind == NO_INFLUENCE:
+        return NO_INFLUENCE
+    return OPEN_VERDICT if found.exact else UNCERTAIN_VERDICT
 
 
 def rough_inputs(record: Record, eq: Equations) -> tuple[str, ...]:

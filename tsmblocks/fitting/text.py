@@ -9,12 +9,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from tsmblocks.common import units
+from tsmblocks.common.rounding import decimals, fixed
 from tsmblocks.common.tables import columns, line_width, listed, split_columns, table_width
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
+from tsmblocks.data.noise_floor import method_text
 from tsmblocks.fitting.above_noise import FAR, beyond_noise, factor_text
 from tsmblocks.fitting.comparison import Comparison, Row, overall
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
+from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import STATUS, Estimate, Fit
 from tsmblocks.fitting.score import Differences
 
@@ -83,7 +86,7 @@ def residual_rows(differences: Differences) -> list[tuple[str, ...]]:
 
 def cautions(fit: Fit) -> list[str]:
     """Cautions on the estimates, the data and the model, a sentence each."""
-    return [*estimate_cautions(fit), *fit.notes, *beyond_noise(fit)]
+    return [*estimate_cautions(fit), *fit.notes, *beyond_range(fit), *beyond_noise(fit)]
 
 
 def estimate_cautions(fit: Fit) -> list[str]:
@@ -147,15 +150,15 @@ def tangled(fit: Fit) -> list[tuple[str, str, float]]:
 
 
 def _digits(value: float, low: float, high: float) -> Callable[[float], str]:
-    """How to show an estimate and its interval: with two digits of the half width; four digits without interval."""
+    """How to show an estimate and its interval: to the second digit of its half width; four digits without interval."""
     size, half = float(np.nanmax(np.abs([value, low, high]))), (high - low) / 2
     if not (np.isfinite(half) and half > 0 and size > 0):
         return lambda value: f"{value:.{LEAST + 1}g}"
     first = int(np.floor(np.log10(size)))
-    digits = int(np.clip(first - np.floor(np.log10(half)) + 2, LEAST, EXACT))
+    places = int(np.clip(decimals(value, half), LEAST - 1 - first, EXACT - 1 - first))
     if not -4 <= first < 6:
-        return lambda value: f"{value:.{digits - 1}e}"
-    return lambda value: f"{value:z.{max(digits - 1 - first, 0)}f}"
+        return lambda value: f"{value:.{places + first}e}"
+    return lambda value: fixed(value, max(places, 0))
 
 
 def _in_degrees(e: Estimate) -> str:
@@ -209,7 +212,7 @@ def _beside_noise(comparison: Comparison) -> list[str]:
     k, unit = for_people(comparison)
     size = f"{k * comparison.noise:.3g} {unit}".rstrip()
     text = f"{name} fits best: its error is {factor_text(ratio)} times the noise of the recordings ({size} rms, "
-    text += f"{comparison.noise_from})."
+    text += f"{method_text(comparison.noise_from)})."
     if ratio >= FAR:
         text += " Every model has an unmodelled effect. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
     return [textwrap.fill(text, line_width(), break_on_hyphens=False)]

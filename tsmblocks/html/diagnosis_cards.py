@@ -9,7 +9,14 @@ from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.text import STATUS
-from tsmblocks.diagnosis.verdict_text import next_steps, percent, segments_by_verdict, verdict_sentence, verdict_word
+from tsmblocks.diagnosis.verdict_text import (
+    alternatives,
+    next_steps,
+    percent,
+    segments_by_verdict,
+    verdict_sentence,
+    verdict_word,
+)
 from tsmblocks.html.card import MOST_CHARTS, card, listed, table_of
 from tsmblocks.html.figures import gap_bars
 from tsmblocks.html.pages import part
@@ -28,7 +35,7 @@ def diagnosis_card(diagnosis: Diagnosis) -> str:
     table = [("effect", "insertion point", "size", "removes", "indistinguishable from")]
     for e in diagnosis.effects:
         sizes = "; ".join(f"{k} {with_interval(q)}" for k, q in (e.sizes or e.parameters).items())
-        table.append((e.name, e.wire.strip(), sizes, percent(e.share_removed), ", ".join(e.also_possible)))
+        table.append((e.name, e.wire.strip(), sizes, percent(e.share_removed), ", ".join(alternatives(e))))
     gaps = [gap_bars(s, g) for s in diagnosis.segments for g in s.gaps][:MOST_CHARTS]
     colours = [*model_colours(diagnosis.segments), ("ink", "on the data it was fitted to", "hollow")]
     stopped = "" if diagnosis.status == "done" else f"; {STATUS.get(diagnosis.status, diagnosis.status)}"

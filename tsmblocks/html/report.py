@@ -8,7 +8,6 @@ from typing import Any
 from markupsafe import Markup
 
 from tsmblocks.common.errors import TsmError
-from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.presentation import (
@@ -19,6 +18,9 @@ from tsmblocks.diagnosis.presentation import (
     digits,
     display_unit,
     fitted_rms,
+    floor_methods,
+    floor_rows,
+    floor_sentence,
     floor_text,
     in_display_units,
     output_traces,
@@ -28,7 +30,15 @@ from tsmblocks.diagnosis.presentation import (
 )
 from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment, Trace
 from tsmblocks.diagnosis.script import script_lines
-from tsmblocks.diagnosis.text import STATUS, initial_states_text, limit_text, parameter_rows, share_across_experiments
+from tsmblocks.diagnosis.text import (
+    STATUS,
+    indistinguishable_text,
+    initial_states_text,
+    limit_text,
+    parameter_rows,
+    share_across_experiments,
+)
+from tsmblocks.diagnosis.variants import explained
 from tsmblocks.diagnosis.verdict_text import (
     candidate_title,
     next_steps,
@@ -66,10 +76,11 @@ def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
         several=len(segments) > 1,
         status=STATUS.get(diagnosis.status, diagnosis.status),
         gaps=[_gap(s, g, colours) for s in segments for g in s.gaps],
+        floors=list(_floors(segments)),
         line_colours=line_colours(colours),
         disagreement=lambda segment: _disagreement(diagnosis, segment),
         darkest=f"{DARKEST:g}",
-        rounds=[one for s in segments for one in _rounds(s, len(diagnosis.experiments))],
+        rounds=list(_rounds(segments, len(diagnosis.experiments))),
         blocks=[(e.block, e.words, e.wire.strip(), _sizes(e), _numbers(diagnosis, e)) for e in effects],
         drawn=to_svg(diagnosis.base),
         drawn_after=_marked(diagnosis) if effects else "",
@@ -77,6 +88,7 @@ def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
         own_numbers=[_own_numbers(s) for s in segments if parameter_rows(s) or s.cautions],
         starts=initial_states_text(diagnosis),
         script=script_lines(diagnosis),
+        indistinguishable=[*filter(None, map(indistinguishable_text, effects))],
         limits=[_limits(s) for s in segments] if any(s.limits for s in segments) else (),
         tracking=_tracking(diagnosis),
         origin=_origin(diagnosis),
@@ -84,7 +96,6 @@ def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
         verdict_sentence=verdict_sentence,
         next_steps=next_steps,
         percent=percent,
-        listed=listed,
         plural=lambda things: "s" if len(things) > 1 else "",
         verdict_word=verdict_word,
     )
@@ -100,6 +111,15 @@ def _gap(segment: Segment, gap: Gap, colours: Sequence[tuple[str, str]]) -> Mark
     floor = f"Noise floor {digits(k * gap.noise_floor)} {unit}".rstrip() + f" ({floor_text(gap)})"
     caption = f"Rms error of {gap.output} on validation data: {', '.join(path)}. {floor}."
     return part("figure", figures.gap_bars(segment, gap), caption, [*colours, *figures.OF_BARS])
+
+
+def _floors(segments: Sequence[Segment]) -> Iterator[dict[str, Any]]:
+    """Where each estimated noise floor comes from, and what each recording alone shows."""
+    for gap in (g for s in segments for g in s.gaps if g.parts is not None):
+        head, *rows = floor_rows(gap) or [()]
+        table = table_of([head, *rows], {0, 4}, f"Noise of {gap.output} by recording", None) if rows else ""
+        text = floor_sentence(gap)
+        yield {"words": text[0].upper() + text[1:], "table": table, "methods": "; ".join(floor_methods(gap))}
 
 
 def _models(segment: Segment) -> list[str]:
@@ -161,8 +181,9 @@ def profile_figure(curve: Profile, *, explained: bool, quiet: bool) -> Markup:
 # ---- candidates and diagrams ---------------------------------------------------------------------
 
 
-def _rounds(segment: Segment, experiments: int) -> Iterator[dict[str, Any]]:
-    for number in sorted({r.round for r in segment.ranking}):
+def _rounds(segments: Sequence[Segment], experiments: int) -> Iterator[dict[str, Any]]:
+    known = set[str]()
+    for segment, number in dict.fromkeys((s, r.round) for s in segments for r in s.ranking):
         rows = [r for r in segment.ranking if r.round == number]
         fitted = by_removed(r for r in rows if r.fitted)
         yield {
@@ -170,6 +191,7 @@ def _rounds(segment: Segment, experiments: int) -> Iterator[dict[str, Any]]:
             "number": number,
             "fitted": [_ranked(r, experiments) for r in fitted],
             "kinds": ["named" if r.named else "" for r in fitted],
+            "variants": explained(fitted, known),
             "rest": [(*_where(r), percent(r.share), r.words) for r in rows if not r.fitted],
         }
 

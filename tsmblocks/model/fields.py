@@ -162,6 +162,7 @@ class Field:
     flat: bool = False
     omitted: Any = None
     opposite: str = ""
+    acts_at: str = ""
 
     @property
     def low(self) -> float:
@@ -211,6 +212,7 @@ def parameter(
     initial: bool = False,
     omitted: float | None = None,
     opposite: str = "",
+    acts_at: str = "",
 ) -> Any:
     """Declare a parameter: a number or a tuple that stays a symbol until the run, to be swept, fitted, differentiated.
 
@@ -221,7 +223,8 @@ def parameter(
     about : str
         Meaning of the parameter.
     unit : str, default ""
-        Its unit, as for ``Input``.
+        Its unit, as for ``Input``; that of a natural frequency is ``ANGULAR_FREQUENCY`` of ``tsmblocks.common.units``,
+        which is displayed in rad/s, as a speed is not.
     above, below : float, default -inf and inf
         Bounds that are excluded; for a tuple they hold for each element.
     at_least, at_most : float, default -inf and inf
@@ -237,6 +240,9 @@ def parameter(
         Value that applies where a file does not give it, if the default was different when such files were written.
     opposite : str, default ""
         Another parameter; where only that one is given, this one has the same magnitude and the opposite sign.
+    acts_at : str, default ""
+        The input whose values it is compared with, such as the speed below which friction is linear: a fit remarks
+        where recordings do not reach it.
 
     Returns
     -------
@@ -250,7 +256,7 @@ def parameter(
         gain: float = tsm.parameter(default=2.0, about="gain", unit="N*m/rad", above=0.0)
     """
     spec = Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known, initial=initial)
-    return _field(default, attrs.evolve(spec, omitted=omitted, opposite=opposite))
+    return _field(default, attrs.evolve(spec, omitted=omitted, opposite=opposite, acts_at=acts_at))
 
 
 def option(

@@ -18,6 +18,8 @@ Interface = dict[str, tuple[str, units.Unit]]
 """Port -> the group of ports that share its unknown unit ("" where it is known), and its unit or power in the group."""
 SHARED_UNIT = re.compile(r"\?(\w+?)((?:[*/].*)?)")
 """A unit that ports of a block share: a letter, times a known unit."""
+RATIO_OF_UNITS = re.compile(r"\?(\w+)/\?(\w+)")
+"""The unit of a factor between two ports: the letter of one over that of another."""
 READABLE_LABELS = (  # noqa: SIM905
     "1 rad deg rad/s deg/s rad/s^2 deg/s^2 rad*s deg*s mrad mrad/s rev rev/s V A N N*m m m/s m/s^2 m*s mm mm/s s 1/s "
     "1/s^2 ms V*s V/s mV mA K kg N/m N*s/m N*m/rad rad/V "

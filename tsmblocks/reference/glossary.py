@@ -5,9 +5,9 @@ from __future__ import annotations
 import inspect
 import textwrap
 
+from tsmblocks.data.noise_floor import CONTENT
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
-from tsmblocks.diagnosis.presentation import FLOOR_WORDS
-from tsmblocks.diagnosis.text import VARIANT_WORDS
+from tsmblocks.diagnosis.variants import VARIANT_WORDS
 from tsmblocks.fitting.score import Difference
 from tsmblocks.fitting.text import CLOSE
 from tsmblocks.reference import hand_written, rst
@@ -18,7 +18,7 @@ def pages() -> dict[str, str]:
     text = (hand_written.FOLDER / "glossary.rst").read_text(encoding="utf-8")
     said = {
         "fit": inspect.cleandoc(Difference.fit_percent.__doc__ or ""),
-        "floors": _listed(FLOOR_WORDS),
+        "floors": _listed(CONTENT),
         "variants": _listed(VARIANT_WORDS),
         "reduction": f"{100 * MIN_VARIANCE_REDUCTION:g}",
         "close": f"{CLOSE:g}",

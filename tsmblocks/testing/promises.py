@@ -6,6 +6,7 @@ import functools
 import inspect
 import math
 import pickle
+import re
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any
@@ -18,8 +19,9 @@ from tsmblocks.common import units
 from tsmblocks.common.errors import BlockError, ParameterError, TsmError, in_words
 from tsmblocks.compiler.dependencies import results_of, structure_of, symbolic
 from tsmblocks.model.block import Block, is_reference, leaves, map_leaves, signals
-from tsmblocks.model.unit_inference import SHARED_UNIT
 
+LETTER = re.compile(r"\?(\w+)")
+"""A unit that ports of a block share."""
 SCALES = (0.0, 1.0, 1e3, 1e6)
 """Magnitudes of states and inputs, in their units. Chosen: at rest, ordinary, and far outside normal use."""
 MAX_SYMBOL_LENGTH = 12
@@ -210,9 +212,8 @@ def units_are_known(block: Block) -> None:
     """Every unit is one this package can read."""
     for name, part in [*_declared(block), *block.states.items()]:
         unit = getattr(part, "unit", "")
-        match = SHARED_UNIT.fullmatch(unit)
         try:
-            units.parse("1" + match[2] if match else unit)
+            units.parse(LETTER.sub("1", unit))
         except units.UnitError as error:
             raise BrokenPromise(f"{type(block).__name__}.{name}: {error}") from None
     ports = {*_letters(block.inports.values()), *_letters(block.outports.values())}
@@ -221,7 +222,7 @@ def units_are_known(block: Block) -> None:
 
 
 def _letters(parts: Iterable[Any]) -> set[str]:
-    return {match[1] for part in parts if (match := SHARED_UNIT.fullmatch(part.unit))}
+    return {letter for part in parts for letter in LETTER.findall(part.unit)}
 
 
 @promise

@@ -1,0 +1,41 @@
+"""Estimates as texts: a value and half its confidence interval, rounded to what the uncertainty leaves."""
+
+from __future__ import annotations
+
+import math
+
+from tsmblocks.common.units import display_unit
+
+SIGNIFICANT = 2
+"""Digits of an uncertainty, with which the value is rounded. Source: GUM (JCGM 100:2008), 7.2.6."""
+NEGLIGIBLE = 1e-3
+"""Share of its uncertainty below which a value is zero. Chosen: its digits say nothing any more."""
+LARGEST_PLAIN = 1e5
+"""Magnitude below which numbers are written without a power of ten. Chosen: as engineers write them."""
+MOST_DECIMALS = 6
+"""Decimals from which a number is written with a power of ten. Chosen."""
+
+
+def decimals(value: float, half: float) -> int:
+    """Decimals of an estimate with ``half`` an interval: to the second digit of that, and one digit at least."""
+    of_half = SIGNIFICANT - 1 - math.floor(math.log10(half))
+    if not abs(value) > NEGLIGIBLE * half:
+        return of_half
+    return max(of_half, -math.floor(math.log10(abs(value))))
+
+
+def plus_minus(value: float, half: float, unit: str = "") -> str:
+    """An estimate with half its interval, angles in degrees: ``0.157 ± 0.011 deg``. ``half`` is finite, above zero."""
+    k, shown = display_unit(unit)
+    value, half = k * value, k * half
+    places, of_half = decimals(value, half), decimals(0.0, half)
+    if places > MOST_DECIMALS or (of_half < 0 and max(abs(value), half) >= LARGEST_PLAIN):
+        numbers = f"{value:.3g} ± {half:.2g}"
+    else:
+        numbers = f"{fixed(value, places)} ± {fixed(half, of_half)}"
+    return f"{numbers} {shown}".rstrip()
+
+
+def fixed(value: float, places: int) -> str:
+    """A number rounded to so many decimals, fewer than none being tens, hundreds, …; no negative zero."""
+    return f"{round(value, places):z.{max(places, 0)}f}"

@@ -1,0 +1,56 @@
+"""Variants of effects in words, for those whose names do not say enough."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from tsmblocks.diagnosis.result import RankedCandidate
+
+VARIANT_WORDS = {
+    "own sizes": "with a separate size in each recording",
+    "own sizes and times": "with a separate size at a separate instant in each recording",
+    "input": "in front of the model",
+    "output": "at the output of the model",
+    "across": "on the output, depending on the input",
+    "drive": "on the signal that drives the plant",
+    "speed": "where the measured motion is a speed",
+    "force": "of the force, as the cogging of a motor",
+    "spring": "as a spring that acts on the load",
+    "transmission": "between input and output, as hysteresis whose width depends on the speed",
+    "loop": "of the width of the hysteresis, which may be zero before",
+    "loop of the input": "of the width of the hysteresis, by the motion of the input",
+    "gain": "of the gain, at one instant",
+    "drift": "of the gain, at a constant rate",
+    "low": "at the low end of the range only",
+    "high": "at the high end of the range only",
+    "bow": "the slope differs between the middle of the range and its ends",
+    "soft": "with a gradual transition",
+    "soft drive": "with a gradual transition, on the signal that drives the plant",
+    "twice": "two of them in a row",
+    "two harmonics": "with a part of twice the frequency",
+    "parallel": "a further mode, added to the output of the model",
+    "base-excited": "the damper moves with the base, so that fast motion passes",
+    "broad": "over decades of time, by several time constants",
+    "Dahl": "Dahl's law: friction is elastic before it slides",
+    "LuGre": "the LuGre law: friction is elastic before it slides, and larger at low speed",
+    "plays": "contacts that yield one after another (Prandtl-Ishlinskii)",
+    "Stribeck": "friction is larger at low speed",
+}
+"""Part of the name of a variant -> words; variants of a user's own effects are explained by the words of the effect."""
+
+
+def parts_of(variant: str) -> list[str]:
+    """The parts of the name of a variant: ``loop, own sizes`` has two."""
+    return [part for part in variant.split(", ") if part]
+
+
+def explained(rows: Iterable[RankedCandidate], known: set[str]) -> str:
+    """The variants of some candidates in words, without those in ``known``, to which they are added."""
+    said = []
+    for row in rows:
+        for part in parts_of(row.variant):
+            if part in known or (part not in VARIANT_WORDS and part in row.words):
+                continue
+            known.add(part)
+            said.append(f"{part}: {VARIANT_WORDS.get(part, row.words)}")
+    return f"Variants: {'; '.join(said)}." if said else ""
