@@ -127,13 +127,9 @@ def _headings(titles: Sequence[str], width: int) -> list[list[str]]:
 
 def _floor(gap: Gap) -> list[str]:
     """Where a noise floor comes from, and what each recording alone shows."""
-    rows = floor_rows(gap)
-    by_recording = [
-        "",
-        columns(rows, left=(0, 4)),
-        *([_filled(f"{'; '.join(more)}.")] if (more := floor_methods(gap)) else []),
-    ]
-    return [_filled(floor_sentence(gap)), *(by_recording if rows else [])]
+    rows, methods = floor_rows(gap), "; ".join(floor_methods(gap))
+    table = [columns(rows, left=(0, 4))] if rows else []
+    return [_filled(floor_sentence(gap)), *table, *([_filled(f"{methods}.")] if methods else [])]
 
 
 def _residual_location(segment: Segment) -> list[str]:
