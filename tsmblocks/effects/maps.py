@@ -1,4 +1,4 @@
-"""Static effects: slack, saturation, nonlinear characteristics, ripple, an offset of the load."""
+"""Static effects of a signal: slack, saturation, nonlinear characteristics, ripple."""
 
 from __future__ import annotations
 
@@ -8,32 +8,14 @@ from collections.abc import Mapping
 import attrs
 import numpy as np
 
-from tsmblocks.blocks import (
-    Bend,
-    Bias,
-    Bow,
-    DeadZone,
-    Gain,
-    Ripple,
-    Saturation,
-    Slack,
-    SoftDeadZone,
-    SoftSaturation,
-    Sum,
-)
+from tsmblocks.blocks import Bend, Bow, DeadZone, Ripple, Saturation, Slack, SoftDeadZone, SoftSaturation
 from tsmblocks.effects.effect import Effect, in_front
 from tsmblocks.effects.sizes import PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
-from tsmblocks.model.block import Block
-from tsmblocks.model.diagram import Diagram
 
 CURVATURE_SHARE = 0.02
 """Trial deviation from a straight line at the ends, as a share of half the range. Chosen."""
 
-PULL_SHARE = 0.05
-"""Trial force of a stiffness, as a share of the rms drive. Chosen: that of the other forces."""
-REST_REACH = 5.0
-"""Rest position of a spring, from the middle of the motion [half its range]. Chosen: farther off it pulls evenly."""
 MIN_PERIODS = 1.15
 """Periods of a ripple in the range of motion, at least. Chosen: fewer are a nonlinear characteristic."""
 MAX_PERIODS = {2: 40.0, 4: 20.0}
@@ -69,7 +51,7 @@ def _soft_dead_zone_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     shapes = tuple(
         {"half_width": share * reach, "softness": 0.3 * share * reach, **centre}
-        for centre in _centres(scales)
+        for centre in centres(scales)
         for share in (0.01, 0.03, 0.1, 0.25)
     )
     bounds = {
@@ -105,10 +87,10 @@ def _even_trials(scales: Scales) -> Trials:
 def _odd_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     size = {"cubic": CURVATURE_SHARE / reach**2, "quintic": CURVATURE_SHARE / reach**4}
-    return Trials(size, _centres(scales), bounds={"centre": (scales.wire.low, scales.wire.high)})
+    return Trials(size, centres(scales), bounds={"centre": (scales.wire.low, scales.wire.high)})
 
 
-def _centres(scales: Scales) -> tuple[dict[str, float], ...]:
+def centres(scales: Scales) -> tuple[dict[str, float], ...]:
     """Centres of a characteristic: the middle of the range, and zero where the signal passes it."""
     middle = {"centre": scales.wire.middle}
     passes = scales.wire.low < 0 < scales.wire.high and abs(scales.wire.middle) > 0.02 * scales.wire.reach
@@ -117,12 +99,12 @@ def _centres(scales: Scales) -> tuple[dict[str, float], ...]:
 
 def _bow_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
-    shapes = tuple({"width": share * reach, **centre} for share in (0.12, 0.3, 0.7) for centre in _centres(scales))
+    shapes = tuple({"width": share * reach, **centre} for share in (0.12, 0.3, 0.7) for centre in centres(scales))
     bounds = {"width": (0.03 * reach, 2 * reach), "centre": (scales.wire.low, scales.wire.high)}
     return Trials({"size": CURVATURE_SHARE * reach}, shapes, bounds=bounds)
 
 
-def _ripple_trials(reach: float, size: float, names: tuple[str, ...]) -> Trials:
+def ripple_trials(reach: float, size: float, names: tuple[str, ...]) -> Trials:
     """Trial values of a ripple with more than one period in the range: less is a nonlinear characteristic."""
     # A start that is off by a quarter of a period over the whole range converges to the right one.
     periods = (1.2, 1.35, 1.5, 1.75, *np.arange(2.0, MAX_PERIODS[len(names)], 0.5).tolist())
@@ -132,41 +114,7 @@ def _ripple_trials(reach: float, size: float, names: tuple[str, ...]) -> Trials:
 
 
 def _position_ripple_trials(scales: Scales, names: tuple[str, ...]) -> Trials:
-    return _ripple_trials(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, names)
-
-
-def _cogging_trials(scales: Scales) -> Trials:
-    return _ripple_trials(scales.other.reach, CURVATURE_SHARE * scales.wire.rms, ONE_HARMONIC).under("force")
-
-
-def _subtracted_force(title: str, law: Block) -> Diagram:
-    """Drive ``u`` less the change that a block makes to motion ``x``; a gain of 1 converts between their units."""
-    return Diagram(
-        title=title,
-        blocks={"force": law, "added": Sum(signs="+-"), "pull": Gain(), "left": Sum(signs="+-")},
-        wires=["force -> added.plus", "added -> pull -> left.minus"],
-        inputs={"u": "left.plus", "x": ["force.u", "added.minus"]},
-        outputs={"y": "left"},
-    )
-
-
-def _spring_to_rest() -> Diagram:
-    """Drive ``u`` less a force in proportion to the distance of the position ``x`` from where the spring rests."""
-    return Diagram(
-        title="stiffness",
-        blocks={"away": Bias(bias=0.0), "force": Gain(gain=0.0), "left": Sum(signs="+-")},
-        wires=["away -> force -> left.minus"],
-        inputs={"u": "left.plus", "x": "away.u"},
-        outputs={"y": "left"},
-    )
-
-
-def _stiffness_trials(scales: Scales) -> Trials:
-    wire, other = scales.wire, scales.other
-    rests = tuple({"away.bias": -one["centre"]} for one in _centres(scales.of_other))
-    farthest = REST_REACH * other.reach
-    bounds = {"away.bias": (-other.middle - farthest, farthest - other.middle)}
-    return Trials({"force.gain": PULL_SHARE * wire.rms / max(other.rms, 1e-300)}, rests, bounds=bounds)
+    return ripple_trials(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, names)
 
 
 def _slack(side: str) -> Effect:
@@ -190,28 +138,6 @@ def _slack(side: str) -> Effect:
         separates="a slow ramp over the full range, at two pretensions",
         variant=side,
         sizes=(in_proportion("slope lost", "share", "%", PERCENT), in_proportion("edge", "edge")),
-    )
-
-
-def _spring(name: str, words: str, part: str, other: str, power: int) -> Effect:
-    def trials(scales: Scales) -> Trials:
-        size = CURVATURE_SHARE * scales.wire.rms / max(scales.other.rms, 1e-300) ** power
-        return Trials({part: size}, fixed={other: 0.0})
-
-    return Effect(
-        name,
-        "map",
-        words,
-        "load",
-        _subtracted_force("spring", Bend()),
-        {part: 0.0},
-        (part,),
-        trials,
-        excites="large and small motion",
-        confused=("position_ripple", "saturation"),
-        separates="two amplitudes",
-        variant="spring",
-        sizes=(Size("force at the ends of the motion", lambda p, scales: p[part] * scales.other.reach**power),),
     )
 
 
@@ -347,25 +273,6 @@ EFFECTS = (
             in_proportion("half width of the middle", "width"),
         ),
     ),
-    _spring("even_nonlinearity", "an asymmetric spring (stiffer on one side)", "force.quadratic", "force.cubic", 2),
-    _spring("odd_nonlinearity", "a cubic spring", "force.cubic", "force.quadratic", 3),
-    Effect(
-        "stiffness",
-        "load",
-        "a force proportional to the position (a spring; negative for an unstable load)",
-        "load",
-        _spring_to_rest(),
-        {"force.gain": 0.0},
-        ("force.gain", "away.bias"),
-        _stiffness_trials,
-        excites="motion over the whole range, slow and fast",
-        confused=("viscous_friction", "load_offset", "drift"),
-        separates="slow motion to both ends: the force remains where the motion stops",
-        sizes=(
-            in_proportion("stiffness", "force.gain", "{u}/{x}"),
-            in_proportion("position without force", "away.bias", "{x}", -1.0),
-        ),
-    ),
     RIPPLE,
     in_front(RIPPLE),
     attrs.evolve(
@@ -375,34 +282,5 @@ EFFECTS = (
         trials=lambda scales: _position_ripple_trials(scales, TWO_HARMONICS),
         variant="two harmonics",
         sizes=(wave(), PERIOD_OF_RIPPLE, wave("cosine2", "sine2", "amplitude of the second harmonic")),
-    ),
-    attrs.evolve(
-        RIPPLE,
-        words="a ripple of the force over the position (cogging)",
-        other_words={},
-        place="load",
-        block=_subtracted_force("cogging", Ripple()),
-        null={"force.cosine": 0.0, "force.sine": 0.0},
-        free=("force.cosine", "force.sine", "force.cycles"),
-        trials=_cogging_trials,
-        confused=("coulomb_friction", "odd_nonlinearity"),
-        variant="force",
-        within=("force.cycles",),
-        sizes=(wave(), attrs.evolve(PERIOD_OF_RIPPLE, unit="{x}")),
-    ),
-    Effect(
-        "load_offset",
-        "load",
-        "an offset of the load",
-        "drive",
-        Bias(bias=0.0),
-        {"bias": 0.0},
-        ("bias",),
-        lambda scales: Trials({"bias": 0.05 * scales.wire.rms}),
-        excites="motion in both directions",
-        confused=("asymmetric_friction", "drift"),
-        separates="the mechanism upside down, or unloaded",
-        sizes=(in_proportion("offset", "bias"),),
-        other_words=dict.fromkeys(("position", "speed"), "an offset of the command"),
     ),
 )
