@@ -22,7 +22,7 @@ from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
 from tsmblocks.diagnosis.cross_validation import time_blocks
-from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
+from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.forward_selection import (
     SearchContext,
@@ -240,9 +240,7 @@ def _diagnosed(
         blocks, line = time_blocks(base.problem), only_frequency(records, tuple(part.diagram.inputs))
         search = SearchContext(records, settings, request.effects, blocks, noise, progress, line, removed)
         forward_search(base, {}, search, rounds)
-        rounds, omitted = without_undetermined(exchange_effects(rounds, search), search)
-        rounds, recurring, more_omitted = without_recurring_events(rounds, search)
-        omitted += more_omitted
+        rounds, recurring, omitted = _revised(rounds, search)
         count = accepted_count(rounds, search)
         final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     except KeyboardInterrupt:
@@ -260,6 +258,13 @@ def _diagnosed(
     final = final if interrupted else with_plain_states(final)
     found = DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted)
     return found, interrupted
+
+
+def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[SearchRound], list[str], list[Omission]]:
+    """The rounds with effects that hold beside all the others, notes on them, and the effects that were left out."""
+    rounds, undetermined = without_undetermined(exchange_effects(rounds, search), search)
+    rounds, notes, recurring = without_recurring_events(rounds, search)
+    return rounds, notes, [*undetermined, *recurring]
 
 
 def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> Mapping[str, Record]:
