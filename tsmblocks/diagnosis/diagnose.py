@@ -256,8 +256,7 @@ def _diagnosed(
     notes += doubtful_floors(floors, final.residual_rms, part.diagram)
     notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes]]
     final = final if interrupted else with_plain_states(final)
-    found = DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted)
-    return found, interrupted
+    return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted), interrupted
 
 
 def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[SearchRound], list[str], list[Omission]]:
