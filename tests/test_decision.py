@@ -193,3 +193,15 @@ def test_beside_a_bound_that_never_acts_the_value_itself_is_the_measure(value, a
 def test_signs_are_plus_and_minus_one_alike():
     """Of equal gains the t-statistics are those of a binomial: 36 of 60 give 1.568, 37 give 1.843; 95 % lies there."""
     assert 1.56 < max_t_critical_value(np.ones((1, 60)), PART, 0) < 1.85
+
+
+def test_a_variant_with_further_shapes_is_no_alternative():
+    """The fundamental of a ripple explains as much as two harmonics do."""
+    base, plain = 3.0 + NOISE[0], stand_in(1.0 + NOISE[1], name="ripple")
+    more = stand_in(plain.losses - 1e-3, 3, name="ripple")
+    more.candidate.free = ("b.p0", "b.p1", "b.p2")
+    verdict = decide(base, [plain, more], even(60), 1.0, 0)
+    assert verdict.named is plain
+    assert verdict.indistinguishable == (plain,)
+    more.candidate.free = ("b.p0", "b.p2")  # another form, not a more general one
+    assert set(decide(base, [plain, more], even(60), 1.0, 0).indistinguishable) == {plain, more}

@@ -225,12 +225,17 @@ def decide(
     named = _simplest(min(close, key=lambda one: (one.parameter_count, one.loss)), ranking, before)
     special_case = named not in indistinguishable  # a more general form of it with the same loss adds nothing
     others = [
-        one
-        for one in indistinguishable
-        if one is not named and (special_case or named.candidate.effect.name not in one.candidate.effect.contains)
+        one for one in indistinguishable if one is not named and (special_case or not is_more_general(one, named))
     ]
     loss = _out_of_bounds_loss(ranking, before)
     return Verdict(tuple(ranking), tuple(t), critical_value, named, (named, *others), loss)
+
+
+def is_more_general(one: FittedCandidate, named: FittedCandidate) -> bool:
+    """Whether a candidate is a more general form of another: it contains its effect, or is a variant with more."""
+    more, effect = one.candidate.effect, named.candidate.effect
+    variant = more.name == effect.name and set(one.candidate.free) > set(named.candidate.free)
+    return effect.name in more.contains or variant
 
 
 def _out_of_bounds_loss(ranking: Sequence[FittedCandidate], before: float) -> float:

@@ -12,6 +12,7 @@ from tsmblocks.diagnosis.decision import (
     MIN_EXCESS,
     MIN_VARIANCE_REDUCTION,
     FittedCandidate,
+    is_more_general,
     mean_loss,
     noise_beside,
 )
@@ -91,9 +92,8 @@ def _beside_named(diagnosed: DiagnosedPart, one: FittedCandidate, named: FittedC
     """Why the candidate of an accepted round was named and not this one."""
     if named is None or one.loss > named.loss + INDISTINGUISHABLE_NOISE_SHARE * diagnosed.noise_variance:
         return LEAVES_MORE
-    general = named.candidate.effect.name in one.candidate.effect.contains
     more = one.parameter_count > named.parameter_count
-    return MORE_GENERAL if general or more else LEAVES_MORE
+    return MORE_GENERAL if is_more_general(one, named) or more else LEAVES_MORE
 
 
 def _not_accepted(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCandidate) -> str:
