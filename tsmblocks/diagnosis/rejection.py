@@ -50,6 +50,20 @@ def why_not(diagnosed: DiagnosedPart, number: int, searched: SearchRound, one: F
     )
 
 
+def alternatives_to(named: FittedCandidate, indistinguishable: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+    """The candidates indistinguishable from the one named, without it and more general forms of the same effect.
+
+    A form of an effect that has all of its parameters and more, as a ripple with a second harmonic, is no other effect.
+    """
+    own = named.candidate
+    return [
+        one
+        for one in indistinguishable
+        if one is not named
+        and not (one.candidate.key[::2] == own.key[::2] and set(one.candidate.effect.free) >= set(own.effect.free))
+    ]
+
+
 def why_named(named: FittedCandidate, indistinguishable: Sequence[FittedCandidate]) -> str:
     """Why an effect is named rather than those indistinguishable from it, in a sentence; empty where there are none.
 
