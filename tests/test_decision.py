@@ -199,9 +199,9 @@ def test_a_variant_with_further_shapes_is_no_alternative():
     """The fundamental of a ripple explains as much as two harmonics do."""
     base, plain = 3.0 + NOISE[0], stand_in(1.0 + NOISE[1], name="ripple")
     more = stand_in(plain.losses - 1e-3, 3, name="ripple")
-    more.candidate.free = ("b.p0", "b.p1", "b.p2")
+    more.candidate.effect.free = ("p0", "p1", "p2")
     verdict = decide(base, [plain, more], even(60), 1.0, 0)
     assert verdict.named is plain
     assert verdict.indistinguishable == (plain,)
-    more.candidate.free = ("b.p0", "b.p2")  # another form, not a more general one
+    more.candidate.effect.free = ("p0", "p2")  # another form, not a more general one
     assert set(decide(base, [plain, more], even(60), 1.0, 0).indistinguishable) == {plain, more}

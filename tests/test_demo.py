@@ -4,6 +4,7 @@ import json
 import re
 from functools import cache, partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -167,9 +168,14 @@ def test_a_compensator_that_gets_worse_with_the_better_model_is_explained():
     lever = findings.worse(story("odd_nonlinearity"))
     assert lever[0].startswith("The feedforward (11) gets worse with the better model, from 11 to 20 deg peak to peak:")
     assert "had absorbed part of what was hidden (alpha1 1.00, true 0.91)" in lever[0]
-    (gap,) = findings.worse(story("backlash"))
-    assert gap.startswith("The loop around the model gets worse from")
-    assert "it hunts about the upper reversal" in gap
+    before, after = (
+        SimpleNamespace(error=SimpleNamespace(peak_to_peak=peaks, rms=rms))
+        for peaks, rms in ((5.26, 0.84), (6.06, 0.6))
+    )
+    assert findings._why(story("backlash"), LOOP, before, after).startswith(
+        "The loop around the model gets worse from 5.3 to 6.1 deg peak to peak, though its rms falls from 0.84 to 0.60 "
+        "deg: it hunts about the upper reversal"
+    )
     assert findings.worse(story("position_ripple")) == findings.worse(story("none")) == []
 
 

@@ -15,7 +15,7 @@ BLOCKS = SimpleNamespace(sizes=np.ones(4))
 
 
 def candidate(name="lag", loss=1.2, *, bounds=(), untenable="", contains=(), parameters=3):
-    effect = SimpleNamespace(name=name, contains=frozenset(contains), family="delay")
+    effect = SimpleNamespace(name=name, contains=frozenset(contains), family="delay", free=("size",), local=())
     return SimpleNamespace(
         candidate=SimpleNamespace(effect=effect),
         disqualifying_bounds=bounds,
@@ -118,7 +118,8 @@ def test_every_fitted_candidate_of_a_diagnosis_is_named_or_has_a_reason():
     y = y + np.random.default_rng(0).normal(0.0, 0.01, t.size)
     record = tsm.Record("run", t, {"x_in": x, "x_out": y}, {"x_in": "rad", "x_out": "rad"})
     effects = ["backlash", "hysteresis", "dead_time", "drift"]
-    found = tsm.diagnose(model, record, noise_floor=0.01, effects=effects).to_dict()
+    diagnosis = tsm.diagnose(model, record, noise_floor=0.01, effects=effects)
+    found = diagnosis.to_dict()
     rows = [r for r in found["ranking"] if r["fitted"]]
     assert [r["name"] for r in rows if r["named"]] == ["backlash"]
     assert {r["why_not"] for r in rows if r["named"]} == {""}
@@ -128,6 +129,10 @@ def test_every_fitted_candidate_of_a_diagnosis_is_named_or_has_a_reason():
     assert marked - {"backlash"} == set(
         found["effects"][0]["also_possible"]
     )  # one list, in the sentence and in the table
+    (segment,) = diagnosis.segments
+    for name, quantity in segment.effects[0].parameters.items():  # one uncertainty, in the effect and in the fit
+        own = segment.fit[f"{segment.effects[0].block}.{name}"]
+        assert (own.value, own.low, own.high) == pytest.approx((quantity.value, quantity.low, quantity.high), rel=1e-9)
     first = {r["why_not"] for r in rows if r["round"] == 1 and not r["in_set"]}
     assert rejection.LEAVES_MORE in first
     last = {r["why_not"] for r in rows if r["round"] == 2}

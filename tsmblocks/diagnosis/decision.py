@@ -232,9 +232,13 @@ def decide(
 
 
 def is_more_general(one: FittedCandidate, named: FittedCandidate) -> bool:
-    """Whether a candidate is a more general form of another: it contains its effect, or is a variant with more."""
+    """Whether a candidate is a more general form of another: it contains its effect, or is a variant with further
+    parameters, or with separate values in each experiment.
+    """
     more, effect = one.candidate.effect, named.candidate.effect
-    variant = more.name == effect.name and set(one.candidate.free) > set(named.candidate.free)
+    further = [(set(each.free), set(each.local)) for each in (more, effect)]
+    (free, local), (own_free, own_local) = further
+    variant = more.name == effect.name and free >= own_free and local >= own_local and further[0] != further[1]
     return effect.name in more.contains or variant
 
 

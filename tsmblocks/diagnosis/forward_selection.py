@@ -23,6 +23,7 @@ from tsmblocks.diagnosis.decision import (
     decide,
     fitted_candidate,
     held_out_losses,
+    is_more_general,
     mean_loss,
     noise_beside,
     shrinkage_of,
@@ -340,7 +341,7 @@ def _repeated_beside_others(
     other_rounds, model, shrinkage = rounds_for(others, search, base)
     again = search_round(model, shrinkage, search)
     new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
-    if this is not None and new is not None and _same_effect(this, new):
+    if this is not None and new is not None and _same_effect(this, new) and not is_more_general(this, new):
         rounds[k] = attrs.evolve(rounds[k], repeated=again)
         return None
     if new is None:  # beside the others no effect would be named here

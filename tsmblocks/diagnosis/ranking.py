@@ -10,7 +10,7 @@ from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.forward_selection import SearchRound
-from tsmblocks.diagnosis.rejection import INDISTINGUISHABLE, WORSE_BESIDE_OTHERS, why_not
+from tsmblocks.diagnosis.rejection import INDISTINGUISHABLE, MORE_GENERAL, WORSE_BESIDE_OTHERS, alternatives_to, why_not
 from tsmblocks.diagnosis.result import RankedCandidate
 
 MAX_MEANINGFUL_SHARE = 10.0
@@ -26,7 +26,8 @@ def ranking(diagnosed: DiagnosedPart) -> tuple[RankedCandidate, ...]:
     result: list[RankedCandidate] = []
     for number, first in enumerate(diagnosed.rounds[: diagnosed.count + 1], 1):
         one, final = first.most_complete, first.repeated or first
-        kept = first.indistinguishable if number <= diagnosed.count else ()
+        accepted = number <= diagnosed.count
+        kept = alternatives_to(diagnosed.named[number - 1], first.indistinguishable) if accepted else []
         names = {tried.candidate.effect.name for tried in kept}
         rows = [_fitted_row(diagnosed, number, one, tried, names) for tried in one.verdict.ranking]
         shown = {row.name for row in rows if row.in_set}
@@ -76,11 +77,7 @@ def _fitted_row(
         if item.parameter in one.candidate.free
     }
     t = float(verdict.t[verdict.ranking.index(one)])
-    name = one.candidate.effect.name
-    named = one is verdict.named and number <= diagnosed.count
-    named = named and name == diagnosed.named[number - 1].candidate.effect.name
-    in_set = named or (one in verdict.indistinguishable and name in indistinguishable)
-    reason = why_not(diagnosed, number, searched, one, t)
+    named, in_set, reason = _outcome(diagnosed, number, searched, one, indistinguishable)
     across = mean_loss(searched.experiment_losses, blocks)
     several = diagnosed.has_several_experiments
     removed = across - mean_loss(one.experiment_losses, blocks) if several else float("nan")
@@ -93,10 +90,29 @@ def _fitted_row(
         named=named,
         fitted=True,
         at_bound=one.at_bounds,
-        why_not=reason if in_set or reason != INDISTINGUISHABLE else WORSE_BESIDE_OTHERS,
+        why_not=reason,
         parameters={name: one.model.values[item.name] for name, item in items.items()},
         units={name: item.unit for name, item in items.items()},
     )
+
+
+def _outcome(
+    diagnosed: DiagnosedPart,
+    number: int,
+    searched: SearchRound,
+    one: FittedCandidate,
+    indistinguishable: Collection[str],
+) -> tuple[bool, bool, str]:
+    """Whether a fitted candidate was named, is indistinguishable from the one named or is it, and why it was not."""
+    verdict, name = searched.verdict, one.candidate.effect.name
+    named = one is verdict.named and number <= diagnosed.count
+    named = named and name == diagnosed.named[number - 1].candidate.effect.name
+    same = verdict.named is not None and one in alternatives_to(verdict.named, verdict.indistinguishable)
+    in_set = named or (same and name in indistinguishable)
+    reason = why_not(diagnosed, number, searched, one, float(verdict.t[verdict.ranking.index(one)]))
+    if reason == INDISTINGUISHABLE and not in_set:
+        reason = WORSE_BESIDE_OTHERS if same else MORE_GENERAL
+    return named, in_set, reason
 
 
 def _row(

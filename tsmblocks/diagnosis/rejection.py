@@ -51,6 +51,14 @@ def why_not(diagnosed: DiagnosedPart, number: int, searched: SearchRound, one: F
     )
 
 
+def alternatives_to(named: FittedCandidate, indistinguishable: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+    """The candidates indistinguishable from the one named, without it and more general forms of the same effect.
+
+    A form of an effect that has all of its parameters and more, as a ripple with a second harmonic, is no other effect.
+    """
+    return [one for one in indistinguishable if one is not named and not is_more_general(one, named)]
+
+
 def why_named(named: FittedCandidate, indistinguishable: Sequence[FittedCandidate]) -> str:
     """Why an effect is named rather than those indistinguishable from it, in a sentence; empty where there are none.
 

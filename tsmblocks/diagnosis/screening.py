@@ -37,6 +37,9 @@ DIVERGENCE_THRESHOLD = 1e30
 """Change of an output [rms noise] from which a simulation has diverged. Chosen: far from both data and overflow."""
 MAX_SIZE_FACTOR = 40.0
 """Largest size of an effect at the start of its fit [trial sizes]. Chosen: beyond it a linear prediction fails."""
+MIN_SENSITIVITY = 1e-4
+"""Share of the change by an effect that the base cannot follow, below which the effect is not detectable at any size.
+Chosen: what is left is the error of a linear step."""
 MAX_EXTRAPOLATION = 4.0
 """The same for effects whose size is part of the shape. Chosen: the distance of neighbouring shapes."""
 
@@ -89,7 +92,7 @@ class _ShapeTrial:
     """One shape: the predicted fall of the sum of squares, and the unknowns there.
 
     ``output_change`` (N,) is the change of the outputs, ``sensitivity`` its sum of squares at the trial size with base
-    parameters projected out. ``exceeds_range`` is True where the trial size moves an output beyond its recorded range,
+    parameters projected out, zero where these absorb it. ``exceeds_range`` is True where the trial size moves an output beyond its recorded range,
     as a loop does that diverges. ``theta_base_fixed`` are the unknowns with the base parameters unchanged;
     ``noise_gains`` (D,) the gains in surrogates of the residual, where these were given.
     """
@@ -321,7 +324,9 @@ class _Screening:
         theta = np.clip(theta, unknowns.low, unknowns.high)
         first = len(self.problem.unknowns.experiments) if self._first_is_local else 1
         exceeds_range = bool(np.abs(z[:, :first]).max(initial=0.0) > self.output_range)
-        return _ShapeTrial(gain, theta, shape, z @ size, float(m[:first, :first].sum()), exceeds_range, base_fixed)
+        sensitivity, whole = float(m[:first, :first].sum()), float(np.square(z[:, :first].sum(axis=1)).sum())
+        sensitivity = sensitivity if sensitivity > MIN_SENSITIVITY * whole else 0.0
+        return _ShapeTrial(gain, theta, shape, z @ size, sensitivity, exceeds_range, base_fixed)
 
     @property
     def _first_is_local(self) -> bool:

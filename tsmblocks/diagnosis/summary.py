@@ -19,7 +19,7 @@ from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram,
 from tsmblocks.diagnosis.quantities import Estimate, detectable_size
 from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
-from tsmblocks.diagnosis.rejection import why_named
+from tsmblocks.diagnosis.rejection import alternatives_to, why_named
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
 from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Segment, Trace
 from tsmblocks.diagnosis.settings import FloorParts
@@ -104,12 +104,15 @@ def _named(
     if diagnosed.has_several_experiments:
         whole_losses = [mean_loss(one.experiment_losses, diagnosed.blocks) for one in diagnosed.rounds]
         across = min(_share_removed(whole_losses, k, diagnosed.noise_variance), 1.0)
-    also = dict.fromkeys(one.candidate.effect.name for one in indistinguishable)
+    others = alternatives_to(diagnosed.named[k], indistinguishable)
+    also = dict.fromkeys(one.candidate.effect.name for one in others)
     before = _with_effects(diagnosed, k, whole_diagram)
     same_name = [one.candidate for one in indistinguishable if one.candidate.effect.name == effect.name]
     points = [in_whole_diagram(one.point, diagnosed.part) for one in (candidate, *same_name)]
     _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
-    forms = dict.fromkeys(one.effect.variant for one in same_name if one.key[2] == candidate.key[2])
+    forms = dict.fromkeys(
+        one.candidate.effect.variant for one in others if one.candidate.key[::2] == candidate.key[::2]
+    )
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
     return NamedEffect(
@@ -128,8 +131,8 @@ def _named(
         point.code(candidate.block, effect.block),
         estimate.sizes(candidate),
         tuple(elsewhere),
-        tuple(one for one in forms if one != effect.variant),
-        why_named(same, indistinguishable),
+        tuple(forms),
+        why_named(same, [one for one in others if one is not same]),
     )
 
 

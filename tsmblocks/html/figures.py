@@ -49,7 +49,8 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
         parts += _bars(frame, y, k, values, train, quiet=segment.verdict == "none")
     x = frame.across(k * gap.noise_floor)
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
-    parts.append(charts.text(x, top - 9, f"noise {digits(k * gap.noise_floor)}", "middle", "floor"))
+    label = f"noise {digits(k * gap.noise_floor)}"
+    parts.append(charts.text(max(x, text_width(label, TEXT) / 2), top - 9, label, "middle", "floor"))
     parts.sort(key=lambda one: one.startswith("<text"))  # numbers above the line of the noise
     words = f"rms error of {gap.output} on validation data, {' then '.join(column_titles(segment))}"
     return charts.chart(parts, bottom + 34, words)
