@@ -7,7 +7,7 @@ import pytest
 
 from tsmblocks.diagnosis import forward_selection
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
-from tsmblocks.diagnosis.decision import Verdict
+from tsmblocks.diagnosis.decision import Verdict, is_more_general
 from tsmblocks.diagnosis.forward_selection import (
     SearchContext,
     SearchRound,
@@ -142,6 +142,15 @@ def test_a_small_effect_of_time_is_no_error_of_form_of_one_of_the_motion(searchi
     """B and D remove as little beside A; an error of the form of A depends on the motion as A does."""
     assert searching({"": 20, "A": 1.9, "B": 18, "AB": 1.3})[0] == "A"
     assert searching({"": 20, "A": 1.9, "D": 18, "AD": 1.3})[0] == "AD"
+
+
+def test_separate_sizes_are_more_general_than_one_for_all():
+    shared, separate = effect("A"), effect("A")
+    separate.local = ("size",)
+    one, more = (SimpleNamespace(candidate=SimpleNamespace(effect=each)) for each in (shared, separate))
+    assert is_more_general(more, one)
+    assert not is_more_general(one, more)
+    assert not is_more_general(one, one)
 
 
 def test_one_effect_is_not_looked_at_again(searching):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Bias, Gain, Lag
+from tsmblocks.blocks import Bias, Gain, Lag, Play
 
 T = np.arange(0.0, 12.0, 0.01)
 LAG = tsm.Diagram(
@@ -56,3 +56,14 @@ def test_a_gain_error_is_no_creep():
     assert named.name == "gain_error"
     assert named.sizes["error of the gain"].value == pytest.approx(20.0, abs=0.2)
     assert named.sizes["error of the gain"].unit == "%"
+
+
+def test_one_offset_for_all_recordings_beside_a_backlash():
+    """Alone, separate offsets explain a part of the backlash as well; beside it they do not."""
+    loose = LAG.insert("slack", Play(half_width=0.08), after="scale.y")
+    found = tsm.diagnose(LAG, recordings(loose, [0.1, 0.1, 0.1]), effects=["offset", "backlash", "jump", "drift"])
+    sizes = {e.name: e.sizes for e in found.effects}
+    assert set(sizes) == {"offset", "backlash"}
+    assert "offset" in sizes["offset"]  # and no offset@run 0
+    assert sizes["backlash"]["gap width"].low < 0.16 < sizes["backlash"]["gap width"].high
+    assert "instead of backlash" not in found.sentence

@@ -92,9 +92,9 @@ class _ShapeTrial:
     """One shape: the predicted fall of the sum of squares, and the unknowns there.
 
     ``output_change`` (N,) is the change of the outputs, ``sensitivity`` its sum of squares at the trial size with base
-    parameters projected out, zero where these absorb it. ``exceeds_range`` is True where the trial size moves an output beyond its recorded range,
-    as a loop does that diverges. ``theta_base_fixed`` are the unknowns with the base parameters unchanged;
-    ``noise_gains`` (D,) the gains in surrogates of the residual, where these were given.
+    parameters projected out, zero where these absorb it. ``exceeds_range`` is True where the trial size moves an output
+    beyond its recorded range, as a loop does that diverges. ``theta_base_fixed`` are the unknowns with the base
+    parameters unchanged; ``noise_gains`` (D,) the gains in surrogates of the residual, where these were given.
     """
 
     gain: float

@@ -110,9 +110,8 @@ def _named(
     same_name = [one.candidate for one in indistinguishable if one.candidate.effect.name == effect.name]
     points = [in_whole_diagram(one.point, diagnosed.part) for one in (candidate, *same_name)]
     _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
-    forms = dict.fromkeys(
-        one.candidate.effect.variant for one in others if one.candidate.key[::2] == candidate.key[::2]
-    )
+    here = [one.candidate.effect.variant for one in others if one.candidate.key[::2] == candidate.key[::2]]
+    forms = dict.fromkeys(one for one in here if one != effect.variant)
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
     return NamedEffect(
