@@ -205,3 +205,14 @@ def test_a_variant_with_further_shapes_is_no_alternative():
     assert verdict.indistinguishable == (plain,)
     more.candidate.effect.free = ("p0", "p2")  # another form, not a more general one
     assert set(decide(base, [plain, more], even(60), 1.0, 0).indistinguishable) == {plain, more}
+
+
+def test_an_effect_at_the_input_that_is_as_good_at_the_output_is_named_there():
+    base, inside = 3.0 + NOISE[0], stand_in(1.0 + NOISE[1], name="ripple")
+    inside.candidate.effect.place = "input"
+    outside = stand_in(inside.losses + 1e-3, name="ripple")
+    verdict = decide(base, [inside, outside], even(60), 1.0, 0)
+    assert verdict.named is outside
+    assert verdict.indistinguishable == (outside, inside)
+    outside.candidate.effect.name = "another"
+    assert decide(base, [inside, outside], even(60), 1.0, 0).named is inside

@@ -597,7 +597,9 @@ def stand_in(losses, count=2, edge=np.inf, name="some", contains=()):
     items = [SimpleNamespace(parameter=f"b.p{k}", low=-edge, high=np.inf, experiment="") for k in range(count)]
     problem = SimpleNamespace(unknowns=SimpleNamespace(items=items))
     model = SimpleNamespace(theta=np.zeros(count), problem=problem)
-    effect = SimpleNamespace(name=name, within=("p0",), below=(), contains=contains, free=("p0", "p1"), local=())
+    effect = SimpleNamespace(
+        name=name, within=("p0",), below=(), contains=contains, free=("p0", "p1"), local=(), place="output"
+    )
     candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"), local=())
     return FittedCandidate(candidate, model, losses, losses, float(np.mean(losses)))
 

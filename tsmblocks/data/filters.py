@@ -25,6 +25,14 @@ MAX_CUTOFF = 0.4
 """Largest cut-off compared, in sampling frequencies. Chosen: a filter above it would remove next to nothing."""
 HALF_POWER = np.sqrt(2.0) - 1
 """Solves (1 + this)^-1 = 1/sqrt(2): both passes of a filter together are then 3 dB down."""
+QUIET_QUANTILE, NORMAL_QUANTILE = 0.75, 1.1503
+"""Quantile of the magnitudes of third differences that noise is seen in, and that of a normal distribution. Chosen: a
+fourth of the samples may lie at corners of a motion."""
+THIRD_DIFFERENCE = np.sqrt(20.0)
+"""Standard deviation of the third differences of white noise of unit variance. Derived: 1 + 9 + 9 + 1."""
+NOISE_RATIO = 4.0
+"""Power of the upper half of the spectrum, over that of the noise from sample to sample, at most. Chosen: noise with
+heavy tails reaches half of it."""
 CHI_SQUARED_MEDIAN = 0.4549
 """Median of a chi-squared variable of one degree of freedom: the power of white noise in one real coefficient."""
 
@@ -54,6 +62,12 @@ def white_noise_power(power: np.ndarray, median: float) -> float:
     return float(np.median(power[len(power) // 2 :]) / median)
 
 
+def _noise_at_most_times(x: np.ndarray) -> float:
+    """Variance of the white noise in a signal (n,), without the few samples at which its motion has corners."""
+    typical = float(np.quantile(np.abs(np.diff(x, 3)), QUIET_QUANTILE))
+    return (typical / (NORMAL_QUANTILE * float(THIRD_DIFFERENCE))) ** 2
+
+
 def choose_cutoff(x: np.ndarray, step: float, order: int = 4, derivative: int = 0) -> float | None:
     r"""Cut-off [Hz] of ``low_pass`` with the least expected error; None when no filter lowers the expected error.
 
@@ -64,8 +78,9 @@ def choose_cutoff(x: np.ndarray, step: float, order: int = 4, derivative: int = 
     .. math:: R(f_c) = \sum_k \omega_k^{2m} \left[(1 - H_k)^2 c_k^2 + \sigma^2 (2 H_k - 1)\right]
 
     with m the order of the ``derivative`` that is wanted (its cut-off is never above that for the signal itself,
-    which is better known: fast noise weighs less in it). The noise is that of the upper half of the spectrum.
-    Slower noise counts as motion and is left in the signal.
+    which is better known: fast noise weighs less in it). The noise is that of the upper half of the spectrum, and no
+    more than is seen from sample to sample at most times: the corners of a trapezoid are as fast as noise, and are part
+    of the motion. Slower noise counts as motion and is left in the signal.
     Source: Stein, Estimation of the mean of a multivariate normal distribution, Ann. Stat. 9 (1981).
     """
     from scipy.fft import dst
@@ -74,7 +89,7 @@ def choose_cutoff(x: np.ndarray, step: float, order: int = 4, derivative: int = 
     level = x - np.linspace(x[0], x[-1], n)
     power = dst(level[1:-1], type=1, norm="ortho") ** 2
     f = np.arange(1, n - 1) / (2 * (n - 1) * step)
-    noise = white_noise_power(power, CHI_SQUARED_MEDIAN)
+    noise = min(white_noise_power(power, CHI_SQUARED_MEDIAN), NOISE_RATIO * _noise_at_most_times(x))
     if noise <= (1e-12 * float(np.abs(x).max())) ** 2:
         return None
     slope = np.tan(np.pi * f * step) ** (2 * order) * HALF_POWER

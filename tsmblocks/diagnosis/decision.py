@@ -223,6 +223,7 @@ def decide(
     ]
     close = [one for one in indistinguishable if one.tenable and before - one.loss >= SIMPLER_EFFECT_SHARE * removed]
     named = _simplest(min(close, key=lambda one: (one.parameter_count, one.loss)), ranking, before)
+    named = _at_output(named, close)
     special_case = named not in indistinguishable  # a more general form of it with the same loss adds nothing
     others = [
         one for one in indistinguishable if one is not named and (special_case or not is_more_general(one, named))
@@ -259,6 +260,18 @@ def _simplest(named: FittedCandidate, ranking: Sequence[FittedCandidate], before
         and before - one.loss >= SIMPLER_EFFECT_SHARE * (before - named.loss)
     ]
     return special[0] if special else named
+
+
+def _at_output(named: FittedCandidate, close: Sequence[FittedCandidate]) -> FittedCandidate:
+    """The candidate, or the same effect at the measured output where that explains as much: its size has that unit."""
+    effect, count = named.candidate.effect, named.parameter_count
+    same = [
+        one
+        for one in close
+        if (one.candidate.effect.name, one.candidate.effect.place) == (effect.name, "output")
+        and one.parameter_count == count
+    ]
+    return named if effect.place == "output" else min(same, key=lambda one: one.loss, default=named)
 
 
 def _is_alone(

@@ -16,16 +16,18 @@ MIN_EIGENVALUE_SHARE = 1e-10
 """Share of a correlation matrix's largest eigenvalue below which a direction is one with another. Chosen: rounding."""
 
 
-def redundant_parameters(base: Model) -> tuple[str, ...]:
-    """Parameters of a base that the others make up for, such as the second of two gains in a row; the last ones of it.
+def redundant_parameters(model: Model, base: Model) -> tuple[str, ...]:
+    """Parameters of a base that the others of a model make up for, such as the second of two gains in a row; the last
+    ones of it.
 
-    An effect behind them has a size only with these held: it is then counted in the units that they set.
+    An effect behind them has a size only with these held: it is then counted in the units that they set. So are offsets
+    of each recording, which have one only beside the offset that the base has for all of them.
     """
-    unknowns = base.problem.unknowns
-    null = null_directions(base.J, unknown_sizes(base.problem, base.theta, base.J), None, None)
+    unknowns, known = model.problem.unknowns, set(base.problem.unknowns.names)
+    null = null_directions(model.J, unknown_sizes(model.problem, model.theta, model.J), None, None)
     found = list[str]()
-    for k in reversed(np.flatnonzero(~base.is_local).tolist()):
-        if np.abs(null[k]).max(initial=0.0) < SMALL:
+    for k in reversed(np.flatnonzero(~model.is_local).tolist()):
+        if unknowns.names[k] not in known or np.abs(null[k]).max(initial=0.0) < SMALL:
             continue
         found.append(unknowns.names[k])
         null = null @ np.linalg.svd(null[k : k + 1])[2][1:].T
@@ -38,7 +40,7 @@ def uncertainty_of_effects(model: Model, base: Model) -> Uncertainty:
     Parameters of the base that are redundant or at a bound are held there. Those of effects never are: a shape that
     went to a bound is as uncertain as the others, and the strength with it.
     """
-    known, redundant = set(base.problem.unknowns.names), redundant_parameters(base)
+    known, redundant = set(base.problem.unknowns.names), redundant_parameters(model, base)
     names = model.problem.unknowns.names
     held = [name in redundant or (bool(at) and name in known) for name, at in zip(names, model.at_bound, strict=True)]
     directions = np.eye(len(names))[np.array(held, dtype=bool)]
