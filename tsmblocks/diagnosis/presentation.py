@@ -191,8 +191,18 @@ def floor_methods(gap: Gap) -> list[str]:
 
 
 def by_removed(rows: Iterable[RankedCandidate]) -> list[RankedCandidate]:
-    """Candidates from the one that removes most of the error to the one that removes least."""
-    return sorted(rows, key=lambda one: -one.gain if np.isfinite(one.gain) else np.inf)
+    """Candidates from the one that removes most of the error to the one that removes least.
+
+    Of those that remove as many per cent the one that was named comes first.
+    """
+    rows = list(rows)
+    best = max((one.gain for one in rows if np.isfinite(one.gain)), default=1.0)
+
+    def place(one: RankedCandidate) -> tuple[float, bool, float]:
+        gain = one.gain if np.isfinite(one.gain) else -np.inf
+        return -(round(gain / best, 2) if best > 0 and gain > 0 else gain), not one.named, -gain
+
+    return sorted(rows, key=place)
 
 
 def by_excess(traces: Sequence[Trace]) -> list[Trace]:
