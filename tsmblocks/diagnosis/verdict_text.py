@@ -51,7 +51,10 @@ def verdict_sentence(segment: Segment) -> str:
 
 def alternatives(effect: NamedEffect) -> list[str]:
     """The effects, and the other forms of the same effect, that are indistinguishable from the one named."""
-    return [*effect.also_possible, *(f"{effect.name} ({form})" if form else effect.name for form in effect.other_forms)]
+    return [
+        *effect.also_possible,
+        *(f"{effect.name} ({form})" if form else f"plain {effect.name}" for form in effect.other_forms),
+    ]
 
 
 def _also_possible(segment: Segment) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from types import SimpleNamespace
 
 import attrs
 import numpy as np
@@ -28,6 +29,16 @@ PERIOD_OF_RIPPLE = Size("period", lambda p, _: 2 * math.pi / p["cycles"])
 """The distance from crest to crest."""
 LIMITS = (in_proportion("lower limit", "low"), in_proportion("upper limit", "high"))
 """The ends of a saturation."""
+
+
+def _slope_lost(p: Mapping[str, float], scales: Scales) -> float:
+    """By how much a soft saturation is flatter in the outer half of the range than in the inner one [%]."""
+    block = SoftSaturation(low=p["low"], high=p["high"], softness=p["softness"])
+    largest = max(scales.wire.low, scales.wire.high, key=abs)
+    none, half, whole = (
+        float(block.outputs(0.0, None, SimpleNamespace(u=share * largest))["y"]) for share in (0.0, 0.5, 1.0)
+    )
+    return PERCENT * (1 - (whole - half) / (half - none))
 
 
 def _polynomial(p: Mapping[str, float], away: float) -> float:
@@ -163,6 +174,7 @@ SOFT_SATURATION = attrs.evolve(
     free=("low", "high", "softness"),
     trials=_soft_saturation_trials,
     variant="soft",
+    sizes=(Size("slope lost in the outer half", _slope_lost, "%"), *LIMITS),
 )
 SOFT_DEAD_ZONE = Effect(
     "dead_zone",
