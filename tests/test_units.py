@@ -4,6 +4,8 @@ import math
 
 import pytest
 
+import tsmblocks as tsm
+from tsmblocks.blocks import Gain, Integrator
 from tsmblocks.common import units
 from tsmblocks.common.units import UnitError, factor, same, times
 
@@ -77,3 +79,14 @@ def test_a_unit_over_another(above, below, label):
             for k in {*dict(a.dimension), *dict(b.dimension)}
         }
         assert dict(made.dimension) == {k: n for k, n in powers.items() if n}
+
+
+@pytest.mark.parametrize(("rate", "label"), [("cm/s", "cm"), ("um/s", "um"), ("kPa/s", "kPa"), ("deg/s", "deg")])
+def test_the_integral_of_a_rate_has_a_unit_that_can_be_read_again(rate, label):
+    diagram = tsm.Diagram(
+        blocks={"rate": Gain(unit=rate), "level": Integrator()},
+        wires=["rate -> level"],
+        inputs={"u": tsm.Inlet(["rate"], unit="V")},
+        outputs={"h": "level"},
+    )
+    assert diagram.unit("h") == label

@@ -76,6 +76,8 @@ _SIZES: tuple[tuple[dict[str, int], dict[str, float]], ...] = (
 )
 """Units of each quantity, which is given by its powers of the base units: label -> size in these."""
 _BASE = {label: (size, powers) for powers, sizes in _SIZES for label, size in sizes.items()}
+NAMES = tuple(_BASE)
+"""Every unit that has a name."""
 _SPELLINGS = {
     "1": ("", "-"),
     "deg": ("°", "degree", "degrees"),

@@ -48,6 +48,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
     remains = diagnosed.leaves_predictable or diagnosed.is_irregular
     verdict = "named" if diagnosed.count else "unknown" if remains else "none"
     held = _held_out(diagnosed)
+    tied = verdict == "named" or diagnosed.leaves_predictable  # else a coordinate follows the residual by chance
     result = Segment(
         diagnosed.part.name,
         tuple(diagnosed.part.diagram.inputs),
@@ -57,7 +58,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         {k: v * np.sqrt(diagnosed.search.noise_variance) for k, v in diagnosed.floors.sigma.items()},
         _effects(diagnosed, losses, whole_diagram),
         tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs))),
-        residual_coordinates(base.r, known, blocks, excess_variance, drive),
+        residual_coordinates(base.r, known, blocks, excess_variance, drive) if tied else (),
         ranking(diagnosed),
         _limits(diagnosed),
         _traces(diagnosed),

@@ -234,5 +234,9 @@ def unit_label(unit: units.Unit) -> str:
     for label in READABLE_LABELS:
         if _equal(units.parse(label), unit):
             return label
+    for name in units.NAMES:
+        for label in (f"{name}{then}" for then in ("", "/s", "/s^2", "*s")):
+            if _equal(units.parse(label), unit):
+                return label
     power = "*".join(k if n == 1 else f"{k}^{n}" for k, n in unit.dimension) or "1"
     return power if abs(unit.factor - 1) < 1e-12 else f"{unit.factor:g}*{power}"
