@@ -120,7 +120,7 @@ notes:
   from its spectrum).
 - half: x_in was held constant where it rests (3 % of the samples).
 - the plant was started anew.
-- Seed 3; done."""
+- Random seed 3; the search was completed."""
 
 
 # ---- in words
@@ -233,7 +233,9 @@ def test_what_is_left_after_all_that_was_named_is_told():
 
 
 def test_an_interrupted_search_says_so():
-    assert str(diagnosis(status="interrupted")).endswith("- Seed 3; interrupted; these are the results until then.")
+    said = str(diagnosis(status="interrupted"))
+    assert said.startswith("SEARCH INTERRUPTED. NAMED")
+    assert said.endswith("- Random seed 3; interrupted; these are the results until then.")
 
 
 def test_lines_fit_a_terminal_but_for_code():

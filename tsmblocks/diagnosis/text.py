@@ -50,7 +50,7 @@ MAX_ROWS = 8
 """Candidates of a round that are reported. Chosen."""
 MAX_ROWS_UNNAMED = 3
 """The same for a round in which no effect was named, if others were. Chosen."""
-STATUS = {"done": "done", "interrupted": "interrupted; these are the results until then"}
+STATUS = {"done": "the search was completed", "interrupted": "interrupted; these are the results until then"}
 
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
@@ -58,8 +58,9 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     n = len(diagnosis.experiments)
     head = f"{diagnosis.diagram or 'diagram'}: {n} experiment{'s' if n > 1 else ''}"
     parts = []
+    early = "SEARCH INTERRUPTED. " if diagnosis.status == "interrupted" else ""
     for segment in segments_by_verdict(diagnosis):
-        parts.append(_filled(f"{verdict_word(segment).upper()}. {verdict_sentence(segment)}"))
+        parts.append(_filled(f"{early}{verdict_word(segment).upper()}. {verdict_sentence(segment)}"))
         parts += _bullets("next", next_steps(segment))
     parts.append(textwrap.fill(head, line_width()))
     several = len(diagnosis.segments) > 1
@@ -77,7 +78,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     parts += [text for segment in diagnosis.segments for text in _indistinguishable(segment)]
     parts += [_limits(segment, several) for segment in diagnosis.segments if segment.limits]
     parts += _consequence(diagnosis)
-    status = f"Seed {diagnosis.seed}; {STATUS[diagnosis.status]}."
+    status = f"Random seed {diagnosis.seed}; {STATUS[diagnosis.status]}."
     parts += _bullets("notes", [*merged_notes(diagnosis.notes, diagnosis.experiments), status])
     return "\n\n".join(parts)
 
