@@ -39,7 +39,7 @@ MAX_SIZE_FACTOR = 40.0
 """Largest size of an effect at the start of its fit [trial sizes]. Chosen: beyond it a linear prediction fails."""
 MIN_SENSITIVITY = 1e-4
 """Share of the change by an effect that the base cannot follow, below which the effect is not detectable at any size.
-Chosen: what is left is the error of a linear step."""
+Chosen: the remainder is the error of a linear step."""
 MAX_EXTRAPOLATION = 4.0
 """The same for effects whose size is part of the shape. Chosen: the distance of neighbouring shapes."""
 
