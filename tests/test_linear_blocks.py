@@ -93,7 +93,17 @@ def test_no_linear_block_is_left_out():
     from tests.linearity import is_linear
 
     linear = {n for n in b.__all__ if isinstance(getattr(b, n), type) and is_linear(getattr(b, n)())}
-    arithmetic = {"Sum", "Convert", "Bias", "ViscousFriction", "SensorNoise", "Drift", "Jump", "Disturbance"}
+    arithmetic = {
+        "Sum",
+        "Convert",
+        "Bias",
+        "GainError",
+        "ViscousFriction",
+        "SensorNoise",
+        "Drift",
+        "Jump",
+        "Disturbance",
+    }
     # held against closed forms in test_engine, test_lateness and test_transmission
     elsewhere = {"Delay", "DeadTime", "ParallelResonance"}
     steps = {

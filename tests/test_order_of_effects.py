@@ -116,7 +116,7 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     (note,) = [n for n in said.notes if "noise floor" in n]
     assert note == (
         "the noise floor of x_out found in repeated periods (1.16 deg) is above the residual of the base "
-        "(0.355 deg rms); 0.0621 deg of fast noise is used instead."
+        "(0.353 deg rms); 0.0621 deg of fast noise is used instead."
     )
 
 

@@ -21,7 +21,6 @@ FIXED = tsm.Diagram(
     inputs={"u": tsm.Inlet(["plant"], unit="mm")},
     outputs={"y": "same"},
 )
-SLOW_NEEDS = ["diagnosis", "effects"]
 
 
 def recordings(model, offsets, gain=1.0):

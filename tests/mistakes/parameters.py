@@ -301,7 +301,7 @@ def limits_are_swapped():
     Saturation(low=24.0, high=0.0)
 
 
-@mistake(ParameterError, "Saturation.low must be given where high refers to values ($limit). It is: smallest output.")
+@mistake(ParameterError, "Saturation.low must be given where high refers to values ($limit). It is: least output.")
 def one_limit_that_refers_to_values():
     Saturation(high="$limit")
 

@@ -17,14 +17,16 @@ MIN_EIGENVALUE_SHARE = 1e-10
 
 
 def redundant_parameters(model: Model, base: Model) -> tuple[str, ...]:
-    """Parameters of a base that the others of a model make up for, such as the second of two gains in a row; the last
-    ones of it.
+    """Parameters of a base that the others of it make up for, such as the second of two gains in a row, or that values
+    of an effect in each experiment make up for, such as a common offset beside separate ones; the last ones of it.
 
-    An effect behind them has a size only with these held: it is then counted in the units that they set. So are offsets
-    of each recording, which have one only beside the offset that the base has for all of them.
+    An effect behind them has a size only with these held: it is then counted in the units that they set. A single
+    parameter of an effect that one of the base makes up for adds nothing, and has no size.
     """
     unknowns, known = model.problem.unknowns, set(base.problem.unknowns.names)
     null = null_directions(model.J, unknown_sizes(model.problem, model.theta, model.J), None, None)
+    single = [name not in known and not local for name, local in zip(unknowns.names, model.is_local, strict=True)]
+    null = null[:, np.abs(null[single]).max(axis=0, initial=0.0) < SMALL]
     found = list[str]()
     for k in reversed(np.flatnonzero(~model.is_local).tolist()):
         if unknowns.names[k] not in known or np.abs(null[k]).max(initial=0.0) < SMALL:

@@ -11,11 +11,15 @@ from tsmblocks.diagnosis.decision import FittedCandidate
 from tsmblocks.diagnosis.diagnosed_part import Omission
 from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, accepted_count, closing_round, rounds_for
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.quantities import Estimate
 from tsmblocks.diagnosis.rejection import RECURRING
 
 MAX_OWN = 2
 """Effects of time with separate sizes in each experiment that are named, at most. Chosen: with three of them, any
 error that comes and goes is imitated."""
+MIN_RECORDINGS, MOST = 3, 0.5
+"""Recordings at least, and share of them, in which a sudden change of a loop is clear of zero, from which it is no
+event: what has changed stays so, and does not begin anew in each recording. Chosen: two may be a coincidence."""
 SAME_LINE = 0.02
 """Relative distance of a frequency from a multiple of another one up to which they are one line. Chosen."""
 SAME_INSTANT = 10.0
@@ -33,7 +37,7 @@ def without_recurring_events(
     rounds = list(rounds)
     count = accepted_count(rounds, search)
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
-    events = _imitations(rounds[count].base, named)
+    events = _imitations(rounds[count].base, rounds[0].base, named)
     if not events:
         return rounds, [], []
     kept = [one for one in rounds[:count] if one.verdict.named not in events]
@@ -42,20 +46,34 @@ def without_recurring_events(
     made.append(closing_round(model, shrinkage, attrs.evolve(search, effects=effects)))
     names = ", ".join(dict.fromkeys(one.candidate.effect.name for one in events))
     text = (
-        f"to explain the residual takes {len(events)} changes over time ({names}), each with another size in each "
+        f"to explain the residual takes a sudden change ({names}) in most of the experiments: an error that comes back "
+        "so often is no event, and no effect is named for it."
+        if len(events) == 1
+        else f"to explain the residual takes {len(events)} changes over time ({names}), each with another size in each "
         "experiment: an error that comes and goes so often is irregular, and no effect is named for it."
     )
     return made, [text], [Omission.of(rounds, one, RECURRING) for one in events]
 
 
-def _imitations(last: Model, named: Sequence[FittedCandidate]) -> list[FittedCandidate]:
+def _imitations(last: Model, base: Model, named: Sequence[FittedCandidate]) -> list[FittedCandidate]:
     """The named effects that imitate an irregular error."""
     sudden = [one for one in named if _has_own_instants(one)]
+    for one in sudden:
+        if one.candidate.effect.variant.startswith("loop") and _is_everywhere(last, base, one):
+            return [one]
     if any(_apart(last, one, other) for k, one in enumerate(sudden) for other in sudden[:k]):
         return sudden
     own = [one for one in named if one.candidate.effect.family == "time" and one.candidate.local]
     alone = [one for k, one in enumerate(own) if not any(_harmonic(last, one, other) for other in own[:k])]
     return own if len(alone) > MAX_OWN else []
+
+
+def _is_everywhere(last: Model, base: Model, one: FittedCandidate) -> bool:
+    """Whether the first size of an effect is clear of zero in most of the experiments."""
+    sizes = Estimate.of([base, last]).sizes(one.candidate)
+    first = one.candidate.effect.sizes[0].name
+    clear = [size.low > 0 or size.high < 0 for name, size in sizes.items() if name.startswith(f"{first}@")]
+    return len(clear) >= MIN_RECORDINGS and sum(clear) > MOST * len(clear)
 
 
 def _harmonic(last: Model, one: FittedCandidate, other: FittedCandidate) -> bool:

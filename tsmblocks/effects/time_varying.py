@@ -247,8 +247,10 @@ EFFECTS = (
     _own(GAIN_CHANGE, "time"),
     GAIN_DRIFT,
     _own(GAIN_DRIFT),
-    LOOP_CHANGE,  # one at a separate instant in each recording imitates any error of the loop
+    LOOP_CHANGE,
+    _own(LOOP_CHANGE, "time"),
     LOOP_CHANGE_OF_INPUT,
+    _own(LOOP_CHANGE_OF_INPUT, "loop.time"),
     CREEP,
     attrs.evolve(
         CREEP,

@@ -117,6 +117,7 @@ def _encoder(b: Any, t: Any, x: Any, u: Any) -> float:
 shaped("Sum")(_sum)
 law("Abs", lambda b, t, x, u: n.magnitude(u.u))
 law("Bias", lambda b, t, x, u: u.u + b.bias)
+law("GainError", lambda b, t, x, u: u.u * (1 + b.error))
 law("Gain", lambda b, t, x, u: b.gain * u.u)
 law("Product", _product)
 law("Divide", lambda b, t, x, u: u.num / u.den)
