@@ -58,14 +58,14 @@ def without_recurring_events(
 def _imitations(last: Model, base: Model, named: Sequence[FittedCandidate]) -> list[FittedCandidate]:
     """The named effects that imitate an irregular error."""
     sudden = [one for one in named if _has_own_instants(one)]
-    for one in sudden:
-        if one.candidate.effect.variant.startswith("loop") and _is_everywhere(last, base, one):
-            return [one]
     if any(_apart(last, one, other) for k, one in enumerate(sudden) for other in sudden[:k]):
         return sudden
     own = [one for one in named if one.candidate.effect.family == "time" and one.candidate.local]
     alone = [one for k, one in enumerate(own) if not any(_harmonic(last, one, other) for other in own[:k])]
-    return own if len(alone) > MAX_OWN else []
+    if len(alone) > MAX_OWN:
+        return own
+    loops = [one for one in sudden if one.candidate.effect.variant.startswith("loop")]
+    return [one for one in loops if _is_everywhere(last, base, one)]
 
 
 def _is_everywhere(last: Model, base: Model, one: FittedCandidate) -> bool:

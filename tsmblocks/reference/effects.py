@@ -12,6 +12,7 @@ import numpy as np
 
 from tsmblocks.blocks import MultiSine
 from tsmblocks.common.errors import TsmError
+from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
 from tsmblocks.effects import Effect, Scales, Trials, span_of
 from tsmblocks.model.block import Block, leaves
@@ -191,8 +192,9 @@ def placed(effect: Effect) -> Placed:
     if trials is None:
         raise TsmError(f"effect {effect.name} has nothing to try in the diagram {plant}.")
     sizes = {**trials.shapes[len(trials.shapes) // 2], **trials.strengths}
-    made = site.put(base, effect.name, effect.block)
-    made = made.with_parameters({f"{effect.name}.{k}": v for k, v in {**trials.fixed, **sizes}.items()})
+    name = unique_names([*base.blocks, effect.name])[-1]
+    made = site.put(base, name, effect.block)
+    made = made.with_parameters({f"{name}.{k}": v for k, v in {**trials.fixed, **sizes}.items()})
     return Placed(plant, base, site, trials, sizes, made)
 
 
