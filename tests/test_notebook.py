@@ -121,7 +121,7 @@ def test_a_diagnosis_shows_verdict_effect_and_gap(things):
     text = words(things["diagnosis"]._repr_html_())
     assert "Named." in text
     assert "backlash" in text
-    assert "gap width 3.457" in text
+    assert "gap width 3.458" in text
     assert "noise 0.115" in text
 
 
