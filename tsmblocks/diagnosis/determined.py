@@ -23,17 +23,33 @@ def redundant_parameters(model: Model, base: Model) -> tuple[str, ...]:
     An effect behind them has a size only with these held: it is then counted in the units that they set. A single
     parameter of an effect that one of the base makes up for adds nothing, and has no size.
     """
-    unknowns, known = model.problem.unknowns, set(base.problem.unknowns.names)
-    null = null_directions(model.J, unknown_sizes(model.problem, model.theta, model.J), None, None)
-    single = [name not in known and not local for name, local in zip(unknowns.names, model.is_local, strict=True)]
+    names, known = model.problem.unknowns.names, set(base.problem.unknowns.names)
+    found, null = _held_back(base, _null(base), known), _null(model)
+    for k in (k for k, name in enumerate(names) if name in found):
+        null = _without(null, k)
+    single = [name not in known and not local for name, local in zip(names, model.is_local, strict=True)]
     null = null[:, np.abs(null[single]).max(axis=0, initial=0.0) < SMALL]
-    found = list[str]()
+    return (*found, *_held_back(model, null, known))
+
+
+def _null(model: Model) -> np.ndarray:
+    """Directions without any effect on the residual of a model (n, q), in shares of the sizes of its unknowns."""
+    return null_directions(model.J, unknown_sizes(model.problem, model.theta, model.J), None, None)
+
+
+def _without(null: np.ndarray, k: int) -> np.ndarray:
+    """Those of the directions (n, q) that leave unknown ``k`` as it is."""
+    return null @ np.linalg.svd(null[k : k + 1])[2][1:].T if np.abs(null[k]).max(initial=0.0) > 0 else null
+
+
+def _held_back(model: Model, null: np.ndarray, known: set[str]) -> list[str]:
+    """The last unknowns of all experiments among ``known`` that are held so that nothing moves along directions."""
+    names, found = model.problem.unknowns.names, list[str]()
     for k in reversed(np.flatnonzero(~model.is_local).tolist()):
-        if unknowns.names[k] not in known or np.abs(null[k]).max(initial=0.0) < SMALL:
-            continue
-        found.append(unknowns.names[k])
-        null = null @ np.linalg.svd(null[k : k + 1])[2][1:].T
-    return tuple(found)
+        if names[k] in known and np.abs(null[k]).max(initial=0.0) >= SMALL:
+            found.append(names[k])
+            null = _without(null, k)
+    return found
 
 
 def uncertainty_of_effects(model: Model, base: Model) -> Uncertainty:
