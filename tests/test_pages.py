@@ -39,7 +39,7 @@ def test_a_report_has_the_structure_that_readers_of_any_kind_need(name):
     text = page(diagnosis(REPORTS[name]), ("../index.html", "Demonstration"))
     assert faults(text) == []
     assert unexplained(text) == set()
-    assert f"<footer>tsmblocks {__version__}; seed 3. Status: done.</footer>" in text
+    assert f"<footer>tsmblocks {__version__}; seed 3. Status: the search was completed.</footer>" in text
     shown = Page(text)
     assert shown.links[0] == "../index.html"
     assert [one for one in shown.links if one.startswith("#")] == [f"#{name}" for name, _ in headings(text_of(text))]
