@@ -60,10 +60,12 @@ def _dead_zone_trials(scales: Scales) -> Trials:
 
 def _soft_dead_zone_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
+    quarters = ({"centre": scales.wire.middle - reach / 2}, {"centre": scales.wire.middle + reach / 2})
     shapes = tuple(
         {"half_width": share * reach, "softness": 0.3 * share * reach, **centre}
-        for centre in centres(scales)
-        for share in (0.01, 0.03, 0.1, 0.25)
+        for shares, places in (((0.01, 0.03, 0.1, 0.25), centres(scales)), ((0.01, 0.1), quarters))
+        for centre in places
+        for share in shares
     )
     bounds = {
         "half_width": (0.0, reach),
