@@ -7,9 +7,17 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.decision import FittedCandidate
+from tsmblocks.diagnosis.decision import FittedCandidate, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import Omission
-from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, accepted_count, closing_round, rounds_for
+from tsmblocks.diagnosis.evidence import evidence
+from tsmblocks.diagnosis.forward_selection import (
+    SearchContext,
+    SearchRound,
+    accepted_count,
+    attained_noise,
+    closing_round,
+    rounds_for,
+)
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.quantities import Estimate
 from tsmblocks.diagnosis.rejection import RECURRING
@@ -20,6 +28,9 @@ error that comes and goes is imitated."""
 MIN_RECORDINGS, MOST = 3, 0.5
 """Recordings at least, and share of them, in which a sudden change of a loop is clear of zero, from which it is no
 event: what has changed stays so, and does not begin anew in each recording. Chosen: two may be a coincidence."""
+COMPLETE = 0.95
+"""Share of the excess that such changes remove, from which they are an event all the same: one change in each
+recording imitates an error that comes and goes in part only. Chosen."""
 SAME_LINE = 0.02
 """Relative distance of a frequency from a multiple of another one up to which they are one line. Chosen."""
 SAME_INSTANT = 10.0
@@ -37,7 +48,7 @@ def without_recurring_events(
     rounds = list(rounds)
     count = accepted_count(rounds, search)
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
-    events = _imitations(rounds[count].base, rounds[0].base, named)
+    events = _imitations(rounds[count].base, rounds[0].base, named, _explain_everything(rounds[: count + 1], search))
     if not events:
         return rounds, [], []
     kept = [one for one in rounds[:count] if one.verdict.named not in events]
@@ -55,8 +66,17 @@ def without_recurring_events(
     return made, [text], [Omission.of(rounds, one, RECURRING) for one in events]
 
 
-def _imitations(last: Model, base: Model, named: Sequence[FittedCandidate]) -> list[FittedCandidate]:
-    """The named effects that imitate an irregular error."""
+def _explain_everything(rounds: Sequence[SearchRound], search: SearchContext) -> bool:
+    """Whether the effects of all rounds but the last leave noise only."""
+    before, after = (mean_loss(one.losses, search.blocks) for one in (rounds[0], rounds[-1]))
+    noise = attained_noise(rounds, search)
+    return (
+        before - after >= COMPLETE * (before - noise) and not evidence(rounds[-1].base, search.settings.seed).material
+    )
+
+
+def _imitations(last: Model, base: Model, named: Sequence[FittedCandidate], complete: bool) -> list[FittedCandidate]:
+    """The named effects that imitate an irregular error; ``complete``: whether all of them leave noise only."""
     sudden = [one for one in named if _has_own_instants(one)]
     if any(_apart(last, one, other) for k, one in enumerate(sudden) for other in sudden[:k]):
         return sudden
@@ -65,7 +85,7 @@ def _imitations(last: Model, base: Model, named: Sequence[FittedCandidate]) -> l
     if len(alone) > MAX_OWN:
         return own
     loops = [one for one in sudden if one.candidate.effect.variant.startswith("loop")]
-    return [one for one in loops if _is_everywhere(last, base, one)]
+    return [] if complete else [one for one in loops if _is_everywhere(last, base, one)]
 
 
 def _is_everywhere(last: Model, base: Model, one: FittedCandidate) -> bool:

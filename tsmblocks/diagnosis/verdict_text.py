@@ -45,8 +45,10 @@ def verdict_sentence(segment: Segment) -> str:
         if segment.excess > WEAK_EXCESS
         else ""
     )
-    none = f"No unmodelled effect {between} is detectable with these data."
-    return f"{none} {_error(segment)}{_slow_noise(segment) or weak}{_implausible_floor(segment)}"
+    slow = _slow_noise(segment)
+    known = ", but not all of the residual is known to be noise" if slow else ""
+    none = f"No unmodelled effect {between} is detectable with these data{known}."
+    return f"{none} {_error(segment)}{slow or weak}{_implausible_floor(segment)}"
 
 
 def alternatives(effect: NamedEffect) -> list[str]:
