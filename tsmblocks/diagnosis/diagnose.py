@@ -24,6 +24,7 @@ from tsmblocks.diagnosis.assembly import assembled
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.evidence import evidence
+from tsmblocks.diagnosis.exchangeable import exchange_notes
 from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, accepted_count, forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
@@ -247,8 +248,9 @@ def _diagnosed(
     if not interrupted and stands_in(rounds, count, predicted, left, varying, search):
         count, final, left, more_notes = 0, rounds[0].base, predicted, []
         varying = varying_factor(final, settings.seed)
+    swapped = exchange_notes(final, search.noise_variance) if count and not interrupted else []
     notes += doubtful_floors(floors, final.residual_rms, part.diagram)
-    notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes]]
+    notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes, *swapped]]
     final = final if interrupted else with_plain_states(final)
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted), interrupted
 
