@@ -41,6 +41,7 @@ _SIZES: tuple[tuple[dict[str, int], dict[str, float]], ...] = (
     ({"kg": 1}, {"kg": 1.0, "g": 1e-3, "lb": POUND}),
     ({"A": 1}, {"A": 1.0, "mA": 1e-3, "uA": 1e-6}),
     ({"K": 1}, {"K": 1.0}),
+    ({"degC": 1}, {"degC": 1.0}),  # apart from K, from which it differs by an offset
     (
         {"kg": 1, "m": 1, "s": -2},
         {
@@ -103,6 +104,7 @@ _SPELLINGS = {
     "lbf*ft": ("ft-lb", "ft-lbf", "lb-ft", "lbf-ft"),
     "lbf*in": ("in-lb", "in-lbf", "lb-in", "lbf-in"),
     "N": ("newton", "newtons"),
+    "degC": ("°C", "celsius", "Celsius"),
     "V": ("volt", "volts"),
     "A": ("amp", "amps", "ampere"),
     "bar": ("bars",),
@@ -171,12 +173,14 @@ def factor(source: str, target: str) -> float:
     """
     a, b = parse(source), parse(target)
     if a.dimension != b.dimension:
-        raise UnitError(f"'{source}' does not convert to '{target}'.{_turns(a, b)}")
+        raise UnitError(f"'{source}' does not convert to '{target}'.{_hint(a, b)}")
     return a.factor / b.factor
 
 
-def _turns(a: Unit, b: Unit) -> str:
-    """A hint where two units differ by an angle alone: ``1/min`` is a rate of anything."""
+def _hint(a: Unit, b: Unit) -> str:
+    """A hint where two units differ by an angle alone, as ``1/min`` does, or by the zero of a temperature."""
+    if {a.dimension, b.dimension} == {(("K", 1),), (("degC", 1),)}:
+        return " They differ by an offset: use one of them in the diagram and in the recordings."
     without = [tuple(one for one in unit.dimension if one[0] != "rad") for unit in (a, b)]
     return " Revolutions per minute are rpm, those per second rev/s." if without == [(("s", -1),)] * 2 else ""
 

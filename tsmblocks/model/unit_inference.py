@@ -235,7 +235,7 @@ def unit_label(unit: units.Unit) -> str:
         if _equal(units.parse(label), unit):
             return label
     for name in units.NAMES:
-        for label in (f"{name}{then}" for then in ("", "/s", "/s^2", "*s")):
+        for label in (f"{name}{then}" for then in ("", "/s", "/s^2", "*s", "/min", "/h", "*s/min", "*s/h")):
             if _equal(units.parse(label), unit):
                 return label
     power = "*".join(k if n == 1 else f"{k}^{n}" for k, n in unit.dimension) or "1"
