@@ -114,6 +114,19 @@ def few_steps(rng, n):
     return np.sum([rng.uniform(0.1, 1) * (np.arange(n) >= k) for k in at], axis=0)
 
 
+def step_test(rng, n):
+    """Four to thirty steps whose sizes are alike, each after a time of its own."""
+    steps = rng.uniform(1, 2, int(rng.integers(4, 30))) * np.where(rng.random() < 0.5, 1, -1)
+    at = np.sort(rng.choice(np.arange(5, n - 5, 9), len(steps), replace=False))
+    return np.sum([size * (np.arange(n) >= k) for size, k in zip(steps, at, strict=True)], axis=0)
+
+
+def few_equal_steps(rng, n):
+    """A staircase of four to nine equal steps, by hand."""
+    at = rng.choice(np.arange(5, n - 5, 9), int(rng.integers(4, 10)), replace=False)
+    return np.sum([np.arange(n) >= k for k in at], axis=0).astype(float)
+
+
 def switched(rng, n):
     return np.repeat(rng.integers(0, 2, n), rng.integers(1, 4))[:n].astype(float)
 
@@ -130,6 +143,11 @@ def quantised(rng, n):
     return np.round(slow / step) * step
 
 
+def quantised_and_printed(rng, n):
+    """Counts of an encoder that are printed with two digits: steps of 0.08 and of 0.09."""
+    return np.round(np.round(20 * moved(rng, n) / 0.0879) * 0.0879, 2)
+
+
 def noisy(rng, n):
     return moved(rng, n) + rng.normal(0, 0.003, n)
 
@@ -138,14 +156,16 @@ def noisy_stairs(rng, n):
     return stairs(rng, n) + rng.normal(0, 0.003, n)
 
 
-@pytest.mark.parametrize("make", [stairs, held_for_some_samples, few_steps, switched, clocked_stairs_of_one_size])
+@pytest.mark.parametrize(
+    "make", [stairs, held_for_some_samples, few_steps, step_test, few_equal_steps, switched, clocked_stairs_of_one_size]
+)
 def test_what_stands_and_jumps_is_held(make):
     rng = np.random.default_rng(1)
     held = [is_held(make(rng, int(rng.integers(600, 3000)))) for _ in range(200)]
     assert np.mean(held) >= 0.99
 
 
-@pytest.mark.parametrize("make", [moved, quantised, noisy, noisy_stairs])
+@pytest.mark.parametrize("make", [moved, quantised, quantised_and_printed, noisy, noisy_stairs])
 def test_what_moves_is_not_held(make):
     rng = np.random.default_rng(2)
     held = [is_held(make(rng, int(rng.integers(600, 3000)))) for _ in range(200)]

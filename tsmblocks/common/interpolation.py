@@ -34,9 +34,12 @@ ONE_SIZE = 2.2
 printing, gives steps of one and of two units."""
 SMALL_SIZES = 0.05
 """Quantile of the sizes of jumps that counts as the smallest. Chosen: a few may be parts of a step."""
+WHOLE, ODD_JUMPS = 0.15, 0.1
+"""Distance of a jump from a whole number of quanta [quanta] up to which it may be that number, and the share of jumps
+that are at more from which they are no quanta. Chosen: 0.0879 printed as 0.09 and 0.08 is off by 0.13."""
 MIN_CLOCKED = 10
-"""Jumps of a held signal at least that show its period. Chosen: by chance 10 instants are multiples of a period of
-two samples in one of 1000 signals."""
+"""Jumps of a held signal at least that show its period; fewer are those of a step test. Chosen: by chance 10 instants
+are multiples of a period of two samples in one of 1000 signals, and a motion of 10 quanta was hardly measured."""
 MOST_COMPARED = 20_000
 """Samples that are compared at most. Chosen: they show it as well as all of them do, in less time than a run takes."""
 MIN_COMPARED = 9
@@ -66,10 +69,10 @@ def polynomial_weights(away: np.ndarray) -> np.ndarray:
 
 
 def is_held(x: np.ndarray) -> bool:
-    """Whether a sampled signal (n,) is piecewise constant, as the command of a sampled controller is.
+    """Whether a sampled signal (n,) is piecewise constant, as the command of a sampled controller or a step test is.
 
-    A signal that alternates between rest and motion is not held: its travel is then made in consecutive samples. Steps
-    of one size are those of a quantised motion, unless they come at multiples of a period.
+    A signal that alternates between rest and motion is not held: its travel is then made in consecutive samples. Many
+    steps of one size, or of twice that, are those of a quantised motion, unless they come at multiples of a period.
     """
     d = np.diff(x)
     size = np.abs(d)
@@ -88,8 +91,10 @@ def is_held(x: np.ndarray) -> bool:
     alike = jumps <= ONE_SIZE * np.quantile(jumps, SMALL_SIZES)
     if jumps[alike].sum() < MIN_JUMPED * jumps.sum():
         return True
+    quanta = jumps[alike] / jumps.min()
     at = np.flatnonzero(moved)
-    return len(at) >= MIN_CLOCKED and int(np.gcd.reduce(np.diff(at))) > 1
+    few, any_size = len(at) < MIN_CLOCKED, (np.abs(quanta - np.rint(quanta)) > WHOLE).mean() > ODD_JUMPS
+    return bool(few or any_size or int(np.gcd.reduce(np.diff(at))) > 1)
 
 
 def smooth_hold(t: np.ndarray, x: np.ndarray) -> str:
