@@ -11,7 +11,7 @@ from tsmblocks import blocks as b
 from tsmblocks.diagnosis import forward_selection, undetermined
 from tsmblocks.diagnosis.forward_selection import SearchContext, forward_search
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
-from tsmblocks.diagnosis.rejection import NOT_DETERMINED
+from tsmblocks.diagnosis.rejection import NO_SIZE, NOT_DETERMINED
 from tsmblocks.effects import catalogue
 
 T = np.arange(0.0, 12.0, 0.05)
@@ -45,7 +45,7 @@ def left_out(monkeypatch):
 
 
 def test_the_next_best_candidate_takes_the_place_of_one_that_is_open(left_out):
-    assert left_out({"": 20, "A": 1.0, "B": 1.2, "C": 9}, {"A": "A"}) == ("B", [(0, "A", NOT_DETERMINED)])
+    assert left_out({"": 20, "A": 1.0, "B": 1.2, "C": 9}, {"A": "A"}) == ("B", [(0, "A", NO_SIZE)])
 
 
 def test_the_last_one_goes_where_it_made_a_better_one_open(left_out):

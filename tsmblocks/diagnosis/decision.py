@@ -263,15 +263,27 @@ def _simplest(named: FittedCandidate, ranking: Sequence[FittedCandidate], before
 
 
 def _at_output(named: FittedCandidate, close: Sequence[FittedCandidate]) -> FittedCandidate:
-    """The candidate, or the same effect at the measured output where that explains as much: its size has that unit."""
+    """The candidate, or the same effect at the measured output where that explains as much: its size has that unit.
+
+    Of two places at the output the one behind all else is taken, where only the sensor is.
+    """
     effect, count = named.candidate.effect, named.parameter_count
+    if effect.place == "output" and _is_of_sensor(named):
+        return named
     same = [
         one
         for one in close
         if (one.candidate.effect.name, one.candidate.effect.place) == (effect.name, "output")
         and one.parameter_count == count
+        and (effect.place != "output" or _is_of_sensor(one))
     ]
-    return named if effect.place == "output" else min(same, key=lambda one: one.loss, default=named)
+    return min(same, key=lambda one: (not _is_of_sensor(one), one.loss), default=named)
+
+
+def _is_of_sensor(one: FittedCandidate) -> bool:
+    """Whether a candidate is on the wire to a measured output that drives nothing else."""
+    point = one.candidate.point
+    return point.before == point.output
 
 
 def _is_alone(

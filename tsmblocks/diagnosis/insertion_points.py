@@ -104,8 +104,9 @@ def insertion_points(
 
     Effects of an output are inserted in front of the blocks that were ``named`` before as well: their order matters
     where both have memory. Blocks named at an input come before all others, which read the signal behind them. A
-    measured drive (the voltage in a position loop) drives another output and is not itself an output. The wires that
-    ``effects`` made for this diagram name are included.
+    measured drive (the voltage in a position loop) drives another output and is not itself an output. Where a signal
+    that is measured acts on other blocks too, as a position does on a spring, there is a point behind all of it, for
+    the sensor alone. The wires that ``effects`` made for this diagram name are included.
     """
     found: list[InsertionPoint] = []
     for name in outputs:
@@ -114,6 +115,8 @@ def insertion_points(
             continue  # the output is an input: there is nothing in between
         source = f"{head}.{port}"
         found.append(InsertionPoint("output", name, source, after=source))
+        if any(".".join(link.source) == source for link in diagram.links):  # what is measured acts on other blocks too
+            found.append(InsertionPoint("output", name, source, before=name))
         direct = [k for k in diagram.inputs if integration_count(diagram, name, before="", after=k) == 0]
         reading = [_behind(diagram, k, named) for k in direct]
         found += [InsertionPoint("across", name, source, other=k, after=source) for k in reading]
@@ -133,7 +136,8 @@ def insertion_points(
     loads = {point.before for point in found if point.place == "load"}
     found = [point for point in found if point.place != "brake" or point.before not in loads]
     drives = {point.signal for point in found if point.place == "drive"}
-    found = [point for point in found if point.place not in ("output", "across") or point.signal not in drives]
+    doubled = [point for point in found if point.place in ("output", "across") and point.signal in drives]
+    found = [point for point in found if point not in doubled or point.before in outputs]
     found += [InsertionPoint("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
     own = (own_insertion_point(diagram, outputs[0], effect) for effect in effects if effect.receiver)
     found += [point for point in own if point is not None]

@@ -22,8 +22,9 @@ from tsmblocks.diagnosis.forward_selection import MIN_EXCESS_SHARE, SearchRound
 INDISTINGUISHABLE = "indistinguishable"
 WORSE_BESIDE_OTHERS = "leaves more error beside the other effects"
 NOT_DETERMINED = "left out: not determined beside the other effects"
+NO_SIZE = "left out: its size is not determined with these data"
 RECURRING = "left out: an error that comes and goes so often is irregular"
-LEFT_OUT = (NOT_DETERMINED, RECURRING)
+LEFT_OUT = (NOT_DETERMINED, NO_SIZE, RECURRING)
 """Reasons of effects that were accepted at first."""
 NO_BETTER = "no better on held-out data"
 NOT_SIGNIFICANT = "not significant"

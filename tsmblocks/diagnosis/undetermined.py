@@ -21,7 +21,7 @@ from tsmblocks.diagnosis.forward_selection import (
 )
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.quantities import Estimate
-from tsmblocks.diagnosis.rejection import NOT_DETERMINED
+from tsmblocks.diagnosis.rejection import NO_SIZE, NOT_DETERMINED
 from tsmblocks.effects import Effect, Relative
 
 MAX_TURNS = 2
@@ -49,7 +49,7 @@ def without_undetermined(
         outs = [open_ones[-1]] if named[-1] is open_ones[-1] else [open_ones[-1], named[-1]]
         left = [rounds_for([one for one in accepted if one.verdict.named is not out], search, base) for out in outs]
         best = int(np.argmin([_loss(one, search) for one in left]))
-        omitted.append(Omission.of(rounds, outs[best], NOT_DETERMINED))
+        omitted.append(Omission.of(rounds, outs[best], NOT_DETERMINED if len(named) > 1 else NO_SIZE))
         gone, (rounds, model, shrinkage) = outs[best].candidate.effect, left[best]
         search = attrs.evolve(search, effects=[one for one in search.effects if _may_follow(one, gone)])
         if more >= MAX_EFFECTS - MAX_TURNS:

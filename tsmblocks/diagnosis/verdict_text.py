@@ -9,6 +9,7 @@ import numpy as np
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
 from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, floor_text, main_sizes, output_traces
+from tsmblocks.diagnosis.rejection import LEAVES_MORE
 from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.effects import catalogue
 from tsmblocks.fitting.input_checks import runs_ahead
@@ -20,6 +21,9 @@ REMAINING_ERROR_RATIO = 1.1
 MIN_OTHERS, ODD_RATIO = 2, 1.5
 """Number of other experiments at least, and error over the largest of theirs, from which one stands out. Chosen: noise
 of one sensor varies by less."""
+NEARLY_ALL = 0.98
+"""Share of the reduction by an effect that was named from which one that leaves more error explains nearly as much.
+Chosen: no block has quite the form of a real mechanism."""
 ALL_SHARE = 0.995
 """Share from which it is printed as 100 %."""
 
@@ -33,7 +37,7 @@ def verdict_sentence(segment: Segment) -> str:
         effects = f"Unmodelled effect{'s' if len(named) > 1 else ''}"
         possible = _also_possible(segment)
         first = "" if segment.complete else "The named effects do not explain the whole residual. "
-        possible += _other_places(segment.effects)
+        possible += _nearly_as_good(segment) + _other_places(segment.effects)
         return f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
     if segment.verdict == "unknown":
         return (
@@ -67,6 +71,17 @@ def _also_possible(segment: Segment) -> str:
     if len(segment.effects) == 1:
         return f"Also possible: {listed(next(iter(found.values())), 9)}."
     return f"Also possible: {'; '.join(f'{listed(names, 9)} instead of {block}' for block, names in found.items())}."
+
+
+def _nearly_as_good(segment: Segment) -> str:
+    """A sentence on effects that leave more error than one that was named, but little more."""
+    found: list[str] = []
+    for named in (one for one in segment.ranking if one.named):
+        others = (one for one in segment.ranking if one.round == named.round and one.why_not == LEAVES_MORE)
+        found += [one.name for one in others if one.name != named.name and one.gain >= NEARLY_ALL * named.gain]
+    known = {name for effect in segment.effects for name in (effect.name, *effect.also_possible)}
+    names = [name for name in dict.fromkeys(found) if name not in known]
+    return f" Nearly as good: {listed(names, 4)}." if names else ""
 
 
 def _best(segment: Segment) -> str:
