@@ -213,6 +213,9 @@ def test_pages_have_one_title_headings_in_order_and_words_for_pictures(site):
     for path in site.rglob("*.html"):
         page = read(path)
         assert page.headings.count(1) == 1, path
+        text = path.read_text(encoding="utf-8")
+        sections = [re.sub("<.*?>", "", words) for words in re.findall(r"<h2[^>]*>(.*?)</h2>", text, re.DOTALL)]
+        assert len(set(sections)) == len(sections), path
         assert all(after <= before + 1 for before, after in itertools.pairwise(page.headings)), path
         assert all(words and words.strip() for words in page.pictures), path
         drawn += len(page.pictures)
