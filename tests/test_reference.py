@@ -213,6 +213,9 @@ def test_pages_have_one_title_headings_in_order_and_words_for_pictures(site):
     for path in site.rglob("*.html"):
         page = read(path)
         assert page.headings.count(1) == 1, path
+        text = path.read_text(encoding="utf-8")
+        sections = [re.sub("<.*?>", "", words) for words in re.findall(r"<h2[^>]*>(.*?)</h2>", text, re.DOTALL)]
+        assert len(set(sections)) == len(sections), path
         assert all(after <= before + 1 for before, after in itertools.pairwise(page.headings)), path
         assert all(words and words.strip() for words in page.pictures), path
         drawn += len(page.pictures)
@@ -227,6 +230,22 @@ def test_boxes_that_scroll_are_reached_by_key_and_regions_and_columns_are_named(
         assert all('tabindex="0"' in box for box in boxes), path
         assert all("aria-label=" in region for region in re.findall("<aside[^>]*>", text)), path
         assert not re.search(r"<th[^>]*>\s*(?:<p>\s*</p>\s*)?</th>", text), path
+
+
+def test_signatures_show_no_internal_default_and_cards_show_small_pictures(site):
+    for path in (site / "python").glob("*.html"):
+        assert "NOTHING" not in path.read_text(encoding="utf-8"), path
+    text = (site / "diagrams" / "index.html").read_text(encoding="utf-8")
+    cards = dict(re.findall(r'<a class="card" href="(\w+)\.html">(.*?)</a>', text, re.DOTALL))
+    across = {name for name, card in cards.items() if 'class="drawing across"' in card}
+    assert set(cards) == set(shipped_names())
+    assert {"fig16_feedforward_feedback"} <= across <= {k for k in cards if not k.startswith("tendon_sheath")}
+    wide = [float(width) for width in re.findall(r'class="drawing" style="--w:([\d.]+)px"', text)]
+    assert len(wide) == len(cards) - len(across)
+    assert max(wide) <= max(uses.ROWS)
+    gallery_index = (site / "gallery" / "index.html").read_text(encoding="utf-8")
+    assert '<img src="../_images/' in gallery_index
+    assert gallery_index.count('class="drawing') > 5
 
 
 MISSPELT = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsmblocks.html.block_facts import words
-from tsmblocks.html.mathml import mathml
+from tsmblocks.html.mathml import WIDEST, equation, mathml, signs
 from tsmblocks.html.plain_formulas import LETTERS, plain
 from tsmblocks.model.block import leaves
 from tsmblocks.reference import blocks, examples
@@ -165,3 +165,14 @@ def test_rows_and_columns_of_formulas_are_found_outside_of_environments_only():
     assert mathml(text).count("<mtr>") == 4  # two of the table, two of the cases
     assert mathml(r"a &= b \\ c &= d").count('<mtd class="right">') == 2
     assert "<mtable" not in mathml("y = k u")
+
+
+def test_a_long_sum_goes_on_in_rows_and_brackets_stay_whole():
+    term = r"\text{an even longer name} \cdot \left(b + c\right)"
+    right = f"{term} + {term} - {term} + {term}"
+    rows = equation("y", right).split("\\\\\n")
+    assert len(rows) == 2
+    assert all(row.count(term) == 2 and signs(row) <= WIDEST for row in rows)
+    assert "".join(rows).replace(r"&\quad {}", "") == f"y &= {right}"
+    assert equation("y", "-a + b") == "y &= -a + b"
+    assert equation("y", rf"\left({right}\right)") == rf"y &= \left({right}\right)"  # a product of brackets has no sum

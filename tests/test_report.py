@@ -519,6 +519,7 @@ def test_what_was_added_is_highlighted_in_the_second_diagram():
 def test_effects_that_are_not_excited_are_grey():
     (row,) = re.findall(r'<tr class="blind">(.*?)</tr>', page(diagnosis()))
     assert "coulomb_friction" in row
+    assert "not detectable" in row
     assert "reversals of the motion" in row
 
 

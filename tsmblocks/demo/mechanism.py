@@ -63,7 +63,7 @@ def model() -> Diagram:
 
 def truth(hidden: Hidden) -> Diagram:
     """The true sheath: the same equations with parameters of its own, and the hidden effect."""
-    sheath = model().with_parameters({f"tsm.{k}": v for k, v in NUMBERS.items()})
+    sheath = model().with_parameters({f"tsm.{k}": v for k, v in NUMBERS.items()}).rewire(title="The true mechanism")
     return sheath if hidden.block is None else sheath.insert("hidden", hidden.block, before=hidden.before)
 
 

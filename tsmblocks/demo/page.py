@@ -149,7 +149,7 @@ def _tracked(story: Story) -> list[Markup]:
     loops = _loop_chart([(one.run, kind) for one, kind in steps], "x_ref", "output against reference")
     return [
         part("figure", errors, "Tracking error behind the best compensator on each model", _key(ends)),
-        part("figure", loops, "Output against reference: a straight line were perfect", _key(steps)),
+        part("figure", loops, "Output against reference: a straight line is perfect tracking", _key(steps)),
     ]
 
 

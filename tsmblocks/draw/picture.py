@@ -80,16 +80,18 @@ def fitted(text: str, size: float, width: float) -> str:
 
 
 def wrapped(text: str, size: float, width: float, most: int) -> list[str]:
-    """The text in lines of at most ``width``, broken at spaces, underscores and capitals where it can be.
+    """The text in lines of at most ``width``, broken at spaces, and a longer word at underscores and capitals.
 
     Beyond ``most`` lines it is cut with an ellipsis.
     """
     lines = [""]
-    for part in re.findall(r" *(?:[A-Z]?[^_ A-Z]+_*|[A-Z]|_+)", text) or [text]:
-        if text_width(lines[-1] + part, size) <= width or not lines[-1]:
-            lines[-1] += part
-        else:
-            lines.append(part.lstrip())
+    for word in re.findall(r" *[^ ]+", text) or [text]:
+        whole = text_width(word.lstrip(), size) <= width
+        for part in [word] if whole else re.findall(r" *(?:[A-Z]?[^_ A-Z]+_*|[A-Z]|_+)", word):
+            if text_width(lines[-1] + part, size) <= width or not lines[-1]:
+                lines[-1] += part
+            else:
+                lines.append(part.lstrip())
     if len(lines) > most:
         lines = [*lines[: most - 1], "".join(lines[most - 1 :])]
     return [fitted(line, size, width) for line in lines]

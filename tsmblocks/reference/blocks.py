@@ -14,6 +14,7 @@ from tsmblocks.common.units import heading
 from tsmblocks.compiler.dependencies import structure_of
 from tsmblocks.files import dumps
 from tsmblocks.html import block_facts
+from tsmblocks.html.mathml import equation
 from tsmblocks.model.block import REGISTRY, Block, Field, leaves
 from tsmblocks.reference import examples, figures, rst, search_words, uses
 from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
@@ -292,7 +293,7 @@ def _computed(block: Block, shown: Block) -> str:
         "in upright letters are those of the tables above; a dot is a rate, a plus the value after the next "
         f"{'sample' if block.sampled else 'step'}.{apart}"
     )
-    text = "\\\\\n".join(f"{left} &= {spaced(right)}" for left, right in (*made.shared, *made.equations))
+    text = "\\\\\n".join(equation(left, spaced(right)) for left, right in (*made.shared, *made.equations))
     return rst.page(rst.heading("As it is computed", 1), words, rst.formula(text))
 
 

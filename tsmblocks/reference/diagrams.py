@@ -6,7 +6,6 @@ from typing import Any
 
 from tsmblocks.blocks import MultiSine
 from tsmblocks.common.units import heading
-from tsmblocks.draw import to_svg
 from tsmblocks.files.shipped import shipped_folder
 from tsmblocks.html.pages import part
 from tsmblocks.model.block import is_reference
@@ -33,13 +32,13 @@ PLOTTED = ("x_ref", "x_in", "x_out")
 def pages() -> dict[str, str]:
     """Every page by its path, the index among them."""
     found = uses.shipped()
-    cards = [(f"{name}.html", name, diagram.title, to_svg(diagram)) for name, diagram in found.items()]
+    cards = [(f"{name}.html", name, diagram.title, uses.small_picture(diagram)) for name, diagram in found.items()]
     index = rst.page(
         rst.heading("Diagrams"),
         rst.indexed(("Shipped diagrams", "Ready-made diagrams", "Library of diagrams")),
         "Files that come with the package. ``tsm.load(NAME)`` and every command find them by name; a file of your own "
         "is given by its path.",
-        rst.html(part("gallery", cards, True)),
+        rst.html(part("gallery", cards)),
         rst.contents(found),
     )
     return {"diagrams/index": index, **{f"diagrams/{name}": page(name, diagram) for name, diagram in found.items()}}

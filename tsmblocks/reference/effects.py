@@ -119,8 +119,9 @@ def page(name: str, some: list[Effect]) -> str:
 
 def _variant(effect: Effect) -> str:
     made = placed(effect)
+    apart = ", ".join(dict.fromkeys(filter(None, (effect.place, *effect.variant.split(", ")))))
     return rst.page(
-        rst.heading(f"{_capital(effect.words)} ({effect.place})", 1),
+        rst.heading(f"{_capital(effect.words)} ({apart})", 1),
         f"Its place is {PLACES[effect.place]}. It is made of {_links('blocks', uses.types_in(effect.block))}.",
         rst.html(uses.linked_picture(effect.block)) if isinstance(effect.block, Diagram) else "",
         _numbers(effect, made.trials),

@@ -24,10 +24,10 @@ def pages() -> dict[str, str]:
     index = rst.page(
         rst.heading("tsmblocks"),
         words,
-        rst.html(part("gallery", _begin(), True)),
+        rst.html(part("gallery", _begin())),
         rst.html(uses.linked_picture(uses.shipped()[FIRST], up="")),
         f"The paper's Fig. 9(a) (:doc:`diagrams/{FIRST}`); each block leads to its page.",
-        rst.html(part("gallery", _parts(), True)),
+        rst.html(part("gallery", _parts())),
         rst.contents(PARTS),
     )
     return {"index": index}

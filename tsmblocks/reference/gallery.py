@@ -13,13 +13,14 @@ from pathlib import Path
 
 import attrs
 
-from tsmblocks.draw import to_svg
 from tsmblocks.files.shipped import examples_folder
 from tsmblocks.html.pages import part
 from tsmblocks.reference import hand_written, rst, uses
 
 LONGEST = 4
 """Seconds up to which an example is run for its page."""
+EXCERPT = 8
+"""Lines of what an example prints that a card shows at most."""
 PICTURES = "_pictures"
 """Folder of pictures in the source of the site."""
 ROW = re.compile(r"^\| \[(\w+)\]\(\w+\.py\) \| (.+) \| (\d+) s \|$")
@@ -82,7 +83,7 @@ def pages(folder: Path) -> dict[str, str]:
     for example in listed():
         said, pictures = _ran(example, folder) if example.quick else ("", [])
         made[f"gallery/{example.name}"] = _page(example, said, pictures)
-        cards[example] = _thumbnail(example, pictures)
+        cards[example] = _thumbnail(example, said, pictures)
     return {"gallery/index": _index(cards), **made}
 
 
@@ -112,11 +113,13 @@ def _page(example: Example, said: str, pictures: list[str]) -> str:
     )
 
 
-def _thumbnail(example: Example, pictures: list[str]) -> str:
-    """A picture that the example draws, or a diagram that it uses."""
+def _thumbnail(example: Example, said: str, pictures: list[str]) -> str:
+    """A picture that the example draws, a diagram that it uses, or else how what it prints begins."""
     if pictures:
         return part("thumbnail", f"../_images/{pictures[0]}", example.title)
-    return to_svg(uses.shipped()[example.diagrams[0]]) if example.diagrams else ""
+    if example.diagrams:
+        return uses.small_picture(uses.shipped()[example.diagrams[0]])
+    return part("excerpt", said.strip().splitlines()[:EXCERPT]) if said else ""
 
 
 def _index(cards: dict[Example, str]) -> str:

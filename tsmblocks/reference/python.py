@@ -1,10 +1,11 @@
-"""Pages of the Python interface, by task, and of the commands."""
+"""Pages of the Python interface, by task, and of the commands. It is an extension of Sphinx."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
 from types import ModuleType
+from typing import Any
 
 import tsmblocks
 from tsmblocks.reference import rst
@@ -79,6 +80,18 @@ def _entry(module: str, name: str, thing: object) -> str:
     if isinstance(thing, type):
         return f".. autoclass:: {module}.{name}\n   :members:\n"
     return f".. autofunction:: {module}.{name}\n"
+
+
+def _signature(*given: Any) -> tuple[str, str] | None:
+    """A signature in which a default that is made for each value (as a new dict) is no name of attrs."""
+    *_, text, returned = given
+    return (text.replace("=NOTHING", "=…"), returned) if text else None
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Take part where signatures are written."""
+    app.connect("autodoc-process-signature", _signature)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
 def commands(helps: Mapping[str, tuple[str, str]]) -> dict[str, str]:

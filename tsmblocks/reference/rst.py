@@ -38,13 +38,13 @@ def link(target: str, text: str = "") -> str:
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[int] = ()) -> str:
     """A table of cells that are markup already; nothing where there are no rows. ``widths`` are shares.
 
-    On a narrow page the meaning, which is the last column of many tables, stands below the other cells of its row.
+    On a narrow page the meaning or the parameters, if the last column, stand below the other cells of their row.
     """
     rows = list(rows)
     if not rows:
         return ""
     shares = f"   :widths: {' '.join(map(str, widths))}\n" if widths else ""
-    kind = "   :class: meaning\n" if head[-1] == "Meaning" else ""
+    kind = "   :class: meaning\n" if head[-1] in ("Meaning", "Parameters") else ""
     lines = [f".. list-table::\n   :header-rows: 1\n{kind}{shares}"]
     for row in (head, *rows):
         lines += [f"   {'*' if not k else ' '} - {cell}" for k, cell in enumerate(row)]

@@ -42,6 +42,7 @@ SETTINGS: dict[str, Any] = {
         "sphinx_copybutton",
         "tsmblocks.html.mathml",
         "tsmblocks.reference.navigation",
+        "tsmblocks.reference.python",
     ],
     "numpydoc_show_class_members": False,
     "autodoc_typehints": "none",  # the lists of arguments have the types

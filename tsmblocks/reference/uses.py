@@ -6,8 +6,10 @@ import functools
 import re
 from collections.abc import Iterator
 
+import attrs
+
 import tsmblocks.blocks as public_blocks
-from tsmblocks.draw import to_svg
+from tsmblocks.draw import layout, to_svg
 from tsmblocks.effects.catalogue import catalogue
 from tsmblocks.effects.effect import Effect
 from tsmblocks.files import load
@@ -15,6 +17,11 @@ from tsmblocks.files.shipped import shipped_names
 from tsmblocks.html.pages import part
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
+
+ROWS = (600.0, 740.0)
+"""Widths of the rows of a drawing on a card [pixels]."""
+HIGHEST = 320.0
+"""Height up to which a drawing is in such rows; a higher one is in one row, on a card as wide as the page [pixels]."""
 
 
 @functools.cache
@@ -49,6 +56,16 @@ def effects() -> dict[str, list[Effect]]:
 def effects_with(name: str) -> list[str]:
     """Effects that put a block of this class on a wire."""
     return [key for key, some in effects().items() if any(name in types_in(one.block) for one in some)]
+
+
+def small_picture(diagram: Diagram) -> str:
+    """The drawing of a diagram on a card, which has its title: in rows where these are few, and without numbers."""
+    bare = attrs.evolve(diagram, title="", source="")
+    for width in ROWS:
+        drawn = layout(bare, parameters=False, wrap=width)
+        if drawn.width <= width and drawn.height <= HIGHEST:
+            return part("drawing", to_svg(bare, parameters=False, wrap=width), False)
+    return part("drawing", to_svg(bare, parameters=False), True)
 
 
 def linked_picture(diagram: Diagram, up: str = "../") -> str:
