@@ -216,3 +216,13 @@ def test_an_effect_at_the_input_that_is_as_good_at_the_output_is_named_there():
     assert verdict.indistinguishable == (outside, inside)
     outside.candidate.effect.name = "another"
     assert decide(base, [inside, outside], even(60), 1.0, 0).named is inside
+
+
+def test_of_two_places_at_an_output_the_one_of_the_sensor_alone_is_named():
+    base, loop = 3.0 + NOISE[0], stand_in(1.0 + NOISE[1], name="lag")
+    sensor = stand_in(loop.losses + 1e-3, name="lag")
+    sensor.candidate.point.before = "y"
+    assert decide(base, [loop, sensor], even(60), 1.0, 0).named is sensor
+    worse = stand_in(loop.losses + 0.5, name="lag")
+    worse.candidate.point.before = "y"
+    assert decide(base, [loop, worse], even(60), 1.0, 0).named is loop

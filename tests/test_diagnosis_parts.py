@@ -232,9 +232,11 @@ def test_wires_of_a_closed_loop():
     """No wire stands twice, and a measured voltage is the wire that drives, not one of its own."""
     assert where(tsm.load("fig16_feedforward_feedback"), ["x_in", "x_out", "u"]) == [
         ("output", "x_in", "motor.y", "", "motor.y -> error.minus, tsm.x, x_in"),
+        ("output", "x_in", "motor.y", "", "motor.y -> x_in"),  # the sensor alone
         ("drive", "x_in", "drive.y", "", "drive.y -> motor.u"),
         ("load", "x_in", "drive.y", "motor.y", "drive.y -> motor.u"),
         ("output", "x_out", "tsm.y", "", "tsm.y -> tip_error.minus, x_out"),
+        ("output", "x_out", "tsm.y", "", "tsm.y -> x_out"),
     ]
     assert ("output", "u", "drive.y", "", "drive.y -> motor.u, u") in where(
         tsm.load("fig16_feedforward_feedback"), ["u"]
@@ -272,11 +274,12 @@ def test_wires_of_a_diagram_that_is_a_block():
     )
     assert where(outer, ["x"]) == [
         ("output", "x", "plant.x", "", "plant.x -> tip.u, x"),
+        ("output", "x", "plant.x", "", "plant.x -> x"),
         ("drive", "x", "amplifier.y", "", "amplifier.y -> plant.u"),
         ("load", "x", "amplifier.y", "plant.x", "amplifier.y -> plant.u"),
         ("input", "x", "u", "", "u -> amplifier.u"),
     ]
-    output, _, load, _ = insertion_points(outer, ["x"])
+    output, _, _, load, _ = insertion_points(outer, ["x"])
     friction = effect("coulomb_friction")
     for site, block in ((output, Bias()), (load, friction.block)):
         assert equations(site.put(outer, "more", block)).y
@@ -600,7 +603,8 @@ def stand_in(losses, count=2, edge=np.inf, name="some", contains=()):
     effect = SimpleNamespace(
         name=name, within=("p0",), below=(), contains=contains, free=("p0", "p1"), local=(), place="output"
     )
-    candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"), local=())
+    point = SimpleNamespace(before="", output="y")
+    candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"), local=(), point=point)
     return FittedCandidate(candidate, model, losses, losses, float(np.mean(losses)))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tests.test_exchanging import ONE, Table, names
+from tests.search_tables import ONE, Table, names
 from tsmblocks import blocks as b
 from tsmblocks.diagnosis import forward_selection, undetermined
 from tsmblocks.diagnosis.forward_selection import SearchContext, forward_search
