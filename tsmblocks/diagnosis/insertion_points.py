@@ -136,8 +136,7 @@ def insertion_points(
     loads = {point.before for point in found if point.place == "load"}
     found = [point for point in found if point.place != "brake" or point.before not in loads]
     drives = {point.signal for point in found if point.place == "drive"}
-    doubled = [point for point in found if point.place in ("output", "across") and point.signal in drives]
-    found = [point for point in found if point not in doubled or point.before in outputs]
+    found = [point for point in found if point.place not in ("output", "across") or point.signal not in drives]
     found += [InsertionPoint("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
     own = (own_insertion_point(diagram, outputs[0], effect) for effect in effects if effect.receiver)
     found += [point for point in own if point is not None]
