@@ -14,6 +14,7 @@ from tests.test_fit_methods import FAR_OFF, LINEAR, LONG, TRUTH, balanced, pendu
 from tests.test_fit_problem import T, U, record
 from tsmblocks.common.errors import RunError, TsmError
 from tsmblocks.fitting import multiple_shooting as shooting
+from tsmblocks.fitting.text import flipped_gains
 
 FOLDER = Path(shooting.__file__).parent
 TESTED_ALONE = {"constraints", "multistart", "noise", "statistics"}
@@ -227,3 +228,11 @@ def test_names_that_mean_something_elsewhere():
         found = tsm.fit(LINEAR, {name: short(), "other": short()}, local=["offset.bias"])
         assert found.names == ("gain.gain", f"offset.bias@{name or 'experiment'}", "offset.bias@other")
         assert str(found)
+
+
+def test_gains_that_changed_their_signs_together_are_said_to_have():
+    before, after = {"a.gain": 2.0, "b.gain": 3.0, "c.bias": 1.0}, {"a.gain": -1.0, "b.gain": -6.0, "c.bias": -1.0}
+    (said,) = flipped_gains(before, after)
+    assert said.startswith("a.gain and b.gain have changed their signs")
+    assert flipped_gains(before, {**after, "b.gain": 6.0}) == []
+    assert flipped_gains({}, after) == []

@@ -1,11 +1,14 @@
 """Errors that no name fits: a factor that varies, and effects that explain a part of something else."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 import tsmblocks as tsm
 from tests.test_evidence import DEG, SIGMA, STEP, fitted, motion, noise
+from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.varying_factor import varying_factor
 
 UNITS = {"x_in": "rad", "x_out": "rad"}
@@ -82,3 +85,14 @@ def test_an_effect_that_explains_a_part_of_a_predictable_error_is_not_named():
     assert 0.5 < best < 0.8  # it would be named if the rest were noise
     assert found.verdict == "unknown"
     assert found.worst.predictable[0] > 0.1
+
+
+@pytest.mark.parametrize(("loss", "varies"), [(2.0, False), (2.5, True)])
+def test_a_factor_varies_only_in_more_than_noise(loss, varies):
+    """A noise floor of 2 with that of the inputs: what is left within a fifth of it may be their noise, filtered."""
+    part = SimpleNamespace(
+        losses=[5.0, loss],
+        search=SimpleNamespace(noise=SimpleNamespace(low=2.0)),
+        varying=SimpleNamespace(material=True),
+    )
+    assert DiagnosedPart.varies.fget(part) is varies

@@ -55,6 +55,7 @@ from tsmblocks.diagnosis.time_and_distance import only_frequency
 from tsmblocks.diagnosis.varying_factor import varying_factor
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.fitting.recordings import Data
+from tsmblocks.fitting.text import flipped_gains
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
@@ -249,6 +250,7 @@ def _diagnosed(
         count, final, left, more_notes = 0, rounds[0].base, predicted, []
         varying = varying_factor(final, settings.seed)
     swapped = exchange_notes(final, search.noise_variance) if count and not interrupted else []
+    swapped += flipped_gains(part.diagram.parameters, final.values)
     notes += doubtful_floors(floors, final.residual_rms, part.diagram)
     notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes, *swapped]]
     final = final if interrupted else with_plain_states(final)

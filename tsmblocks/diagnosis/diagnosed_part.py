@@ -89,7 +89,8 @@ class DiagnosedPart:
     @property
     def varies(self) -> bool:
         """Whether what the last model leaves is proportional to the motion by a factor that varies, materially."""
-        return self.varying is not None and self.varying.material and not self._is_within_given_noise
+        large = self.losses[-1] > (1 + UNKNOWN_EXCESS) * self.search.noise.low  # else it may be noise of an input
+        return self.varying is not None and self.varying.material and large
 
     @property
     def _is_within_given_noise(self) -> bool:

@@ -89,9 +89,24 @@ def cautions(fit: Fit) -> list[str]:
     return [*estimate_cautions(fit), *fit.notes, *beyond_range(fit), *beyond_noise(fit)]
 
 
+MIN_FLIPPED = 2
+"""Gains with another sign than they began with, from which this is said. Chosen: one alone may have been wrong."""
+
+
+def flipped_gains(before: Mapping[str, float], after: Mapping[str, float]) -> list[str]:
+    """A caution where several gains have changed their signs, as those in a row or in a loop may do together."""
+    names = [k for k, value in after.items() if k.endswith(".gain") and before.get(k, 0.0) * value < 0]
+    if len(names) < MIN_FLIPPED:
+        return []
+    return [
+        f"{listed(names, len(names))} have changed their signs, which the outputs do not show: several gains in a row "
+        "are determined only together. Keep those that are known (free)."
+    ]
+
+
 def estimate_cautions(fit: Fit) -> list[str]:
     """Cautions on the estimates, a sentence each."""
-    said = []
+    said = flipped_gains({e.name: e.start for e in fit}, {e.name: e.value for e in fit})
     if fit.agreeing == 1 and len(fit.searches) > 1:
         said.append(f"Only one of {len(fit.searches)} starts ended at this optimum: more starts may find a better one.")
     silent = [name for u in fit.undetermined if u.kind == NO_INFLUENCE for name in u.names]
