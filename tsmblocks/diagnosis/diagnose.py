@@ -29,6 +29,7 @@ from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, ac
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
 from tsmblocks.diagnosis.noise_floor import (
+    NoiseFloors,
     doubtful_floors,
     input_noise_rms,
     lowered_noise_floors,
@@ -222,12 +223,9 @@ def _diagnosed(
         if (piece := _piece_length(part, records, settings, progress)) is not None:
             records, raw, settings = _in_pieces(part, piece, records, compared, settings)
             notes.append(f"{part.name}: the plant integrates, so its simulation restarts every {piece:g} s.")
-        base = _calibrated(part, records, settings, progress)
-        floors, lowered = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
+        base, floors, lowered = _base(part, records, settings, progress, floors, compared)
+        settings = attrs.evolve(settings, sigma=floors.sigma)
         notes += [*floors.notes, *lowered]
-        if floors.sigma != settings.sigma:
-            settings = attrs.evolve(settings, sigma=floors.sigma)
-            base = _calibrated(part, records, settings, progress)
         predicted = evidence(base, settings.seed)
         inputs = tuple(part.diagram.inputs) if request.condition else ()
         noise = noise_level(floors, propagated_input_noise(base, raw, inputs, settings.seed), predicted.rest)
@@ -249,12 +247,17 @@ def _diagnosed(
     if not interrupted and stands_in(rounds, count, predicted, left, varying, search):
         count, final, left, more_notes = 0, rounds[0].base, predicted, []
         varying = varying_factor(final, settings.seed)
-    swapped = exchange_notes(final, search.noise_variance) if count and not interrupted else []
-    swapped += flipped_gains(part.diagram.parameters, final.values)
+    found_in_final = _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
     notes += doubtful_floors(floors, final.residual_rms, part.diagram)
-    notes += [f"{part.name}: {text}" for text in [*recurring, *limit_notes(final), *more_notes, *swapped]]
+    notes += [f"{part.name}: {text}" for text in [*recurring, *more_notes, *found_in_final]]
     final = final if interrupted else with_plain_states(final)
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted), interrupted
+
+
+def _notes_on(final: Model, diagram: Diagram, noise_variance: float) -> list[str]:
+    """Notes on the parameters of the last model: limits, signs, and, with a noise variance, what may be exchanged."""
+    exchanged = exchange_notes(final, noise_variance) if noise_variance > 0 else []
+    return [*limit_notes(final), *flipped_gains(diagram.parameters, final.values), *exchanged]
 
 
 def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> Mapping[str, Record]:
@@ -304,6 +307,22 @@ def _in_pieces(
     delay = total_delay(part.diagram)
     pieces, windows = split_into_pieces(within_windows(records, settings.window), delay, length)
     return pieces, split_into_pieces(raw, delay, length)[0], attrs.evolve(settings, window=windows)
+
+
+def _base(
+    part: Part,
+    records: Mapping[str, Record],
+    settings: ModelSettings,
+    progress: ProgressCallback,
+    floors: NoiseFloors,
+    compared: Mapping[str, Record],
+) -> tuple[Model, NoiseFloors, list[str]]:
+    """The base, fitted again where its residual lowers a noise floor; the floors, and notes on them."""
+    base = _calibrated(part, records, settings, progress)
+    floors, lowered = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
+    if floors.sigma != settings.sigma:
+        base = _calibrated(part, records, attrs.evolve(settings, sigma=floors.sigma), progress)
+    return base, floors, lowered
 
 
 def _calibrated(
