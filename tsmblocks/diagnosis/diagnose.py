@@ -51,6 +51,7 @@ from tsmblocks.diagnosis.plain_states import with_plain_states
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.selection import selected
+from tsmblocks.diagnosis.signs import with_signs
 from tsmblocks.diagnosis.stand_in import stands_in
 from tsmblocks.diagnosis.time_and_distance import only_frequency
 from tsmblocks.diagnosis.varying_factor import varying_factor
@@ -331,4 +332,4 @@ def _calibrated(
     """The base: the part with its own parameters fitted, and the initial states of its memories."""
     progress("calibrated", 0, 1)
     model = calibrate(part.diagram, records, settings, lambda *_: progress("calibrated", 0, 1))
-    return nearest(reset_idle_memories(refine_memories(model)))
+    return nearest(reset_idle_memories(refine_memories(with_signs(model, part.diagram.parameters))))
