@@ -1,7 +1,5 @@
 """Where the effects found leave an error, the search begins again with other first effects."""
 
-from types import SimpleNamespace
-
 import pytest
 
 from tests.search_tables import Table, names, search_of
@@ -14,16 +12,13 @@ TWO = {"": 20, "A": 8, "B": 11, "C": 12, "D": 18, "AB": 6, "AC": 6, "AD": 5}
 
 @pytest.fixture
 def selected(monkeypatch):
-    """The effects of the whole selection on a table, and how many models were searched; ``left``: is what is left said
-    to be predicted."""
+    """The effects of the whole selection on a table, and the first effects with which it began again."""
 
-    def select(table, left=False):
+    def select(table):
         search = search_of(Table(table, {}, {}), monkeypatch)
         monkeypatch.setattr(selection, "without_undetermined", lambda rounds, _: (rounds, []))
         monkeypatch.setattr(selection, "without_recurring_events", lambda rounds, _: (rounds, [], []))
-        monkeypatch.setattr(selection, "evidence", lambda *_: SimpleNamespace(material=left))
         monkeypatch.setattr(type(search.noise), "largest", lambda self, _: 1.0)
-        object.__setattr__(search, "settings", SimpleNamespace(seed=0))
         starts = []
 
         def counted(model, shrinkage, search, rounds):
@@ -46,17 +41,17 @@ def test_the_search_does_not_begin_again_where_noise_is_left(selected):
     assert selected({"": 20, "A": 1.0, "B": 11, "C": 12}) == ("A", "")
 
 
-def test_what_is_predicted_is_more_than_noise(selected):
-    """1.1 noise variances may be noise, but not where recorded signals predict a part of them."""
-    table = {"": 20, "A": 1.1, "B": 11, "C": 12, "BC": 1.0, "AB": 1.1, "AC": 1.1}
-    assert selected(table)[0] == "A"
-    assert selected(table, left=True)[0] == "BC"
+def test_the_search_does_not_begin_again_where_little_is_left(selected):
+    """Of an error of 19, what is left is 2: an error of the form of A, as it may be."""
+    table = {"": 20, "A": 3.0, "B": 11, "C": 12, "AB": 3.0, "AC": 3.0, "BC": 1.0}
+    assert selected(table) == ("A", "")
+    assert selected({**table, "A": 6.0, "AB": 6.0, "AC": 6.0})[0] == "BC"
 
 
 def test_the_first_effect_stays_where_no_other_leads_further(selected):
     effects, starts = selected(TWO)
     assert effects.startswith("A")
-    assert set(starts) == set("BCD")
+    assert set(starts) == set("BC")
 
 
 def test_nothing_named_is_not_searched_again(selected):

@@ -9,11 +9,12 @@ import numpy as np
 
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import UNKNOWN_EXCESS, Omission
-from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.forward_selection import (
+    MIN_JOINT_SHARE,
     SearchContext,
     SearchRound,
     accepted_count,
+    attained_noise,
     exchange_effects,
     forward_search,
     next_base,
@@ -21,8 +22,8 @@ from tsmblocks.diagnosis.forward_selection import (
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.undetermined import without_undetermined
 
-MAX_OTHER_FIRST_EFFECTS = 3
-"""Runners-up of the first round from which the search begins again. Chosen: as many as take minutes at most."""
+MAX_OTHER_FIRST_EFFECTS = 2
+"""Runners-up of the first round from which the search begins again. Chosen: each takes as long as the search did."""
 
 
 @attrs.frozen(eq=False)
@@ -42,8 +43,8 @@ def selected(rounds: list[SearchRound], search: SearchContext) -> Selection:
     """The selection from the rounds of a forward search, or a better one that begins with another effect.
 
     Forward selection names one effect at a time. Where two act, the first one named may be a third that explains a
-    part of both, and what it leaves has no name. Where that is more than noise, the search begins again with the
-    runners-up of its first round, until one leaves noise only.
+    part of both, and what it leaves has no name. Where that is a material part of the error, the search begins again
+    with the runners-up of its first round, until one leaves less.
     """
     best, first = _revised(rounds, search), rounds[0]
     for other in _other_first_effects(first, best):
@@ -66,14 +67,12 @@ def _revised(rounds: list[SearchRound], search: SearchContext) -> Selection:
 
 
 def _leaves_error(one: Selection, search: SearchContext) -> bool:
-    """Whether effects were accepted that leave more than noise."""
+    """Whether effects were accepted that leave a material part of the error, which is no noise."""
     count = accepted_count(one.rounds, search)
-    last = one.rounds[count]
-    if not count:
-        return False
-    noise = search.noise.largest(float(np.median(last.losses)))
-    large = mean_loss(last.losses, search.blocks) > (1 + UNKNOWN_EXCESS) * noise
-    return large or evidence(last.base, search.settings.seed).material
+    before, after = (mean_loss(one.rounds[k].losses, search.blocks) for k in (0, count))
+    noise = search.noise.largest(float(np.median(one.rounds[count].losses)))
+    large = after > (1 + UNKNOWN_EXCESS) * noise
+    return count > 0 and large and before - after < MIN_JOINT_SHARE * (before - attained_noise(one.rounds, search))
 
 
 def _other_first_effects(first: SearchRound, found: Selection) -> list[FittedCandidate]:
