@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from tsmblocks.common.interpolation import Hold
@@ -84,7 +85,7 @@ def _with_simulation(
     """The diagram with the settings of its simulation, so that a run on the recordings reproduces their errors.
 
     Its own initial states are those of the first recording. A simulation that restarted within a recording is known by
-    the states of the first piece.
+    the states of the first piece. The step is the finest of its parts: at a coarser one, a part may diverge.
     """
     starts, steps = dict[str, dict[str, float]](), dict[str, float]()
     for model in models:
@@ -92,10 +93,10 @@ def _with_simulation(
             name = experiment_of(experiment.name)
             own = model.parameters(experiment.name)
             starts[name] = {**own, **starts.get(name, {})}
-            steps.setdefault(name, experiment.times.h)
+            steps[name] = min(steps.get(name, math.inf), experiment.times.h)
     first, hold = models[0].setup.experiments[0], _hold(parts)
     simulation = Simulation(
-        step=first.times.h if len(set(steps.values())) == 1 else steps,
+        step=next(iter(steps.values())) if len(set(steps.values())) == 1 else steps,
         method=first.rule.name,
         hold=hold if isinstance(hold, str) else {k: v for k, v in hold.items() if k in diagram.inputs},
         condition=tuple(diagram.inputs) if request.condition else (),
@@ -117,7 +118,7 @@ def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:
         last = diagnosed.final
         for experiment in last.setup.experiments:
             starts.setdefault(experiment.name, {}).update(last.parameters(experiment.name))
-            steps[experiment.name] = experiment.times.h
+            steps[experiment.name] = min(steps.get(experiment.name, math.inf), experiment.times.h)
             if experiment_of(experiment.name) != experiment.name:
                 t = experiment.record.t
                 pieces[experiment.name] = (float(t[0]), float(experiment.t[0]), float(t[-1]))
