@@ -148,14 +148,6 @@ def test_pieces_that_begin_anew_are_cut_by_the_lines(tmp_path, monkeypatch):
     assert run(script_lines(found), {"run": one})[1] == pytest.approx(pieces, rel=1e-9)
 
 
-def test_of_a_chain_only_the_diagram_is_made():
-    motor = attrs.evolve(NONE, name="r -> u, x_in", inputs=("r",), outputs=("u", "x_in"))
-    lines = script_lines(made_up(motor, NAMED))
-    assert "# the errors reported are those of each part, simulated from the signals measured in front of it" in lines
-    assert "start_states = {" in lines
-    assert not any("tsm.score" in line for line in lines)
-
-
 # ---- the diagram is made again
 
 
@@ -280,3 +272,21 @@ def test_the_step_of_the_new_diagram_is_the_finest_of_its_parts(parts, tmp_path)
     assert diagram.simulation.step == found.simulated.steps["run"] < 0.0084  # its limit of stability
     score = tsm.score(diagram, record.conditioned(diagram.simulation.condition))
     assert [d.rms for d in score] == pytest.approx([0.02, 0.2], rel=0.2)
+
+
+def test_the_errors_of_several_parts_are_found_again_by_the_lines(parts, tmp_path, monkeypatch):
+    found, record = parts
+    names, scored = {"recordings": {"run": record}, "keep": (every := []).append}, {}
+    exec("\n".join(script_lines(found)).replace("print(", "keep("), names | {"diagram": found.first})
+    for one in every:
+        scored |= {d.output: d.rms for d in one}
+    reported = {k: fitted_rms(t)[1] for s in found.segments for k in s.outputs for t in output_traces(s, k)}
+    assert scored == pytest.approx(reported, rel=1e-9)
+    assert [*scored] == ["x_in", "x_out"]
+    found.save(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(script, "MAX_INLINE_EXPERIMENTS", 0)
+    assert "start_states = saved['segments'][1]['start_states']" in script_lines(found)
+    every.clear()
+    exec("\n".join(script_lines(found)).replace("print(", "keep("), names | {"diagram": found.first})
+    assert [d.rms for one in every for d in one] == pytest.approx([*reported.values()], rel=1e-9)
