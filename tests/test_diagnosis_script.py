@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tests.diagnoses import NAMED, NONE
-from tests.diagnoses import diagnosis as made_up
 from tsmblocks.blocks import Bias, FirstOrderLag, Gain
 from tsmblocks.diagnosis import script
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
