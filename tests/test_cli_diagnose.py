@@ -12,6 +12,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.cli import console, main
+from tsmblocks.common.errors import ParameterError
 from tsmblocks.fitting.noise import given_floors
 
 T = np.arange(0.0, 6.0, 0.02)
@@ -122,8 +123,16 @@ def test_a_floor_without_an_output_goes_to_those_it_measures():
     asked = lambda given: given_floors(given, diagram, records, outputs)  # noqa: E731 - four times the same
     assert asked(["2mV"]) == {"i": (0.002, "2 mV")}
     assert asked(["2mV", "y=1deg"]) == {"i": (0.002, "2 mV"), "y": (pytest.approx(np.radians(1)), "1 deg")}
-    assert asked(["0.5"]) == asked(0.5) == {"i": (0.5, "0.5 V"), "y": (0.5, "0.5 rad")}
+    assert asked(["i=0.5", "y=0.5"]) == asked({"i": 0.5, "y": 0.5}) == {"i": (0.5, "0.5 V"), "y": (0.5, "0.5 rad")}
     assert asked([]) == asked(None) == {}
+    assert given_floors(0.5, diagram, records, ("y",)) == {"y": (0.5, "0.5 rad")}
+    for number in (0.5, ["0.5"]):
+        with pytest.raises(ParameterError) as refused:
+            asked(number)
+        assert str(refused.value) == (
+            "noise_floor=0.5 has no unit, and the outputs differ: i in V, y in rad. "
+            "Give one for each: 'i=0.5V' 'y=0.5rad'."
+        )
 
 
 def test_a_number_means_the_unit_of_recording_and_diagram_or_is_refused(run):

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tests.diagnoses import NAMED, NONE
-from tests.diagnoses import diagnosis as made_up
-from tsmblocks.blocks import Bias, Gain
+from tsmblocks.blocks import Bias, FirstOrderLag, Gain
 from tsmblocks.diagnosis import script
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
 from tsmblocks.diagnosis.model_difference import in_code
@@ -148,14 +146,6 @@ def test_pieces_that_begin_anew_are_cut_by_the_lines(tmp_path, monkeypatch):
     assert run(script_lines(found), {"run": one})[1] == pytest.approx(pieces, rel=1e-9)
 
 
-def test_of_a_chain_only_the_diagram_is_made():
-    motor = attrs.evolve(NONE, name="r -> u, x_in", inputs=("r",), outputs=("u", "x_in"))
-    lines = script_lines(made_up(motor, NAMED))
-    assert "# the errors reported are those of each part, simulated from the signals measured in front of it" in lines
-    assert "start_states = {" in lines
-    assert not any("tsm.score" in line for line in lines)
-
-
 # ---- the diagram is made again
 
 
@@ -247,3 +237,54 @@ def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
     assert "\nbeware:\n- gain.gain and again.gain are determined only in combination: with " in text
     assert "not determined" in text[text.index("parameters of the diagram, fitted with it:") : text.index("beware:")]
     assert segment.cautions[0] in json.loads(found.to_json())["segments"][0]["cautions"]
+
+
+# ---- of several parts
+
+
+U = 2 * np.sin(1.3 * T) + 0.8 * np.sin(5.1 * T)
+RATIO = 25.0
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """A drive that has no memory, and a lag behind it that the step of the recordings is too long for."""
+    drive = tsm.Diagram(
+        title="drive and tip",
+        blocks={"drive": Gain(gain=RATIO), "lag": FirstOrderLag(time_constant=0.003), "tip": Gain(gain=0.92)},
+        wires=["drive -> lag -> tip"],
+        inputs={"u": "drive"},
+        outputs={"x_in": "drive", "x_out": "tip"},
+    )
+    x = RATIO * U + np.random.default_rng(5).normal(0.0, 0.02, len(T))
+    record = tsm.Record("run", T, {"u": U, "x_in": x, "x_out": played(RATIO * U)}, {})
+    floors = {"x_in": 0.02, "x_out": 0.2}
+    found = tsm.diagnose(drive, record, noise_floor=floors, effects=["backlash"], free=["*.gain"])
+    assert [e.name for e in found.effects] == ["backlash"]
+    return found, record
+
+
+def test_the_step_of_the_new_diagram_is_the_finest_of_its_parts(parts, tmp_path):
+    found, record = parts
+    diagram = tsm.load(found.save(tmp_path / "found") / "augmented.toml")
+    assert diagram.simulation.step == found.simulated.steps["run"] < 0.0084  # its limit of stability
+    score = tsm.score(diagram, record.conditioned(diagram.simulation.condition))
+    assert [d.rms for d in score] == pytest.approx([0.02, 0.2], rel=0.2)
+
+
+def test_the_errors_of_several_parts_are_found_again_by_the_lines(parts, tmp_path, monkeypatch):
+    found, record = parts
+    names, scored = {"recordings": {"run": record}, "keep": (every := []).append}, {}
+    exec("\n".join(script_lines(found)).replace("print(", "keep("), names | {"diagram": found.first})
+    for one in every:
+        scored |= {d.output: d.rms for d in one}
+    reported = {k: fitted_rms(t)[1] for s in found.segments for k in s.outputs for t in output_traces(s, k)}
+    assert scored == pytest.approx(reported, rel=1e-9)
+    assert [*scored] == ["x_in", "x_out"]
+    found.save(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(script, "MAX_INLINE_EXPERIMENTS", 0)
+    assert "start_states = saved['segments'][1]['start_states']" in script_lines(found)
+    every.clear()
+    exec("\n".join(script_lines(found)).replace("print(", "keep("), names | {"diagram": found.first})
+    assert [d.rms for one in every for d in one] == pytest.approx([*reported.values()], rel=1e-9)

@@ -724,6 +724,7 @@ def test_of_combinations_of_initial_states_a_few_are_listed_and_the_rest_is_coun
     fit = SimpleNamespace(
         agreeing=2,
         status="interrupted",
+        differences=(),
         searches=(1, 2),
         undetermined=(*found, mix("gain", "a@r1")),
         active=(),
@@ -745,6 +746,7 @@ def test_initial_states_of_many_experiments_that_are_hardly_determined_are_one_r
     fit = SimpleNamespace(
         agreeing=2,
         status="interrupted",
+        differences=(),
         searches=(1, 2),
         undetermined=found,
         active=(),

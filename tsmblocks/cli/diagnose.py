@@ -68,7 +68,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add = partial(common.add, parser.add_argument_group("search"))
     noise = (
         "rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number alone is in the unit of the "
-        "recordings and of the diagram, and refused where they differ; default: estimated from the data)"
+        "recordings, of the diagram and of all outputs, and refused where they differ; default: estimated from the "
+        "data)"
     )
     add("--noise-floor", metavar="VALUE", type=noise_floor, default=[], help=noise, **common.SEVERAL)
     add("--free")

@@ -102,8 +102,8 @@ def diagnose(
         Names or patterns of the parameters of the diagram that are fitted. Default: all but initial states.
     noise_floor : float, str or mapping of str to these, optional
         Rms noise of the outputs, one for all or by output: ``"0.06deg"``, ``{"x_out": "0.06deg"}``. A number is in the
-        unit of the recordings and of the diagram, and refused where those differ. Default: estimated from the
-        recordings (repeats, periods, rests).
+        unit of the recordings, of the diagram and of all outputs, and refused where those differ. Default: estimated
+        from the recordings (repeats, periods, rests).
     effects : iterable of str, optional
         Names or patterns of the effects to try. Default: all of the catalogue.
     outputs : sequence of str, optional

@@ -12,7 +12,7 @@ from tsmblocks.common.units import display_unit
 
 if TYPE_CHECKING:
     from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, Segment
-    from tsmblocks.diagnosis.settings import FloorParts
+    from tsmblocks.diagnosis.settings import FloorParts, Simulated
 
 EFFECT_KEYS = {"across": "share_removed_across_experiments"}
 RANKING_KEYS = {"gain": "held_out_gain", "new": "share_across", "t": "statistic", "units": ""}
@@ -38,14 +38,19 @@ def diagnosis_values(diagnosis: Diagnosis) -> dict[str, Any]:
         "ranking": ranking_values(diagnosis),
         "detection_limits": {m.name: _json_value(m.value) for s in reversed(diagnosis.segments) for m in s.limits},
         "detection_limit_sizes": {m.name: _limit_size(m) for s in reversed(diagnosis.segments) for m in s.limits},
-        "segments": _json_value([_segment(s) for s in diagnosis.segments]),
+        "segments": [{**_json_value(_segment(s)), **_simulated(s.simulated)} for s in diagnosis.segments],
         "consequence": _json_value(diagnosis.consequence),
         "no_consequence": diagnosis.no_consequence,
-        "start_states": diagnosis.start_states,
-        "simulated": None if diagnosis.simulated is None else diagnosis.simulated.to_dict(),
+        **_simulated(diagnosis.simulated),
         "provenance": _json_value(diagnosis.provenance),
         "notes": list(diagnosis.notes),
     }
+
+
+def _simulated(how: Simulated | None) -> dict[str, Any]:
+    """Estimated initial states and settings of the last simulation, numbers with all digits."""
+    starts = {} if how is None else {k: dict(v) for k, v in how.start_states.items()}
+    return {"start_states": starts, "simulated": None if how is None else how.to_dict()}
 
 
 def ranking_values(diagnosis: Diagnosis) -> list[dict[str, Any]]:

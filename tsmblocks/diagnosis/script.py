@@ -17,6 +17,7 @@ from tsmblocks.files import load
 from tsmblocks.files.shipped import shipped_folder
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram, Inlet
+from tsmblocks.model.wires import chains
 
 MAX_INLINE_EXPERIMENTS = 12
 """Experiments (or pieces) whose initial states are written out; more are read from diagnosis.json. Chosen: a page."""
@@ -124,25 +125,44 @@ def literal(value: Any) -> str:
 
 
 def _scored(diagnosis: Diagnosis) -> Iterator[str]:
-    """The lines that reproduce the errors of each experiment, where the diagram was simulated as a whole."""
+    """The lines that reproduce the errors of each experiment; of several parts, part by part."""
     how = diagnosis.simulated
     if how is None:
         return
-    yield ""
-    if len(diagnosis.segments) > 1:
-        yield "# the errors reported are those of each part, simulated from the signals measured in front of it"
-    else:
-        yield "# recordings: the diagnosed records by experiment, as tsm.read returns them"
+    yield from ("", "# recordings: the diagnosed records by experiment, as tsm.read returns them")
     if _too_many(how):
         yield "saved = json.loads(Path('diagnosis.json').read_text(encoding='utf-8'))"
-        yield "start_states = saved['start_states']"
+    if len(diagnosis.segments) == 1:
+        yield from _scores(diagnosis, how, "diagram", "saved")
+        return
+    yield "# each part is simulated from the signals measured in front of it"
+    for k, segment in enumerate(diagnosis.segments):
+        if segment.augmented is not None and segment.simulated is not None:
+            yield from ("", f"# {segment.name}", *_part(segment.augmented))
+            yield from _scores(diagnosis, segment.simulated, "part", f"saved['segments'][{k}]")
+
+
+def _part(diagram: Diagram) -> Iterator[str]:
+    """The lines that cut a part of the augmented diagram out of it."""
+    yield "part = tsm.Diagram("
+    yield f"    blocks={{name: diagram.blocks[name] for name in {literal(list(diagram.blocks))}}},"
+    yield f"    wires={chains(diagram.links, diagram.blocks)!r},"
+    yield f"    inputs={literal(diagram.inputs)},"
+    yield f"    outputs={literal(diagram.outputs)},"
+    yield from ["    values=diagram.values,"] if diagram.values else []
+    yield from [f"    output_units={literal(diagram.output_units)},"] if diagram.output_units else []
+    yield ")"
+
+
+def _scores(diagnosis: Diagnosis, how: Simulated, model: str, saved: str) -> Iterator[str]:
+    """The lines that score a diagram, the variable ``model``; ``saved`` is where the file has what is too long."""
+    if _too_many(how):
+        yield f"start_states = {saved}['start_states']"
     else:
         yield from ("start_states = {", *_items(how.start_states), "}")
-    if len(diagnosis.segments) > 1:
-        return
     quiet = f".conditioned({list(how.conditioned)!r})" if how.conditioned else ""
     if how.pieces and _too_many(how):
-        yield "pieces = saved['simulated']['pieces']"
+        yield f"pieces = {saved}['simulated']['pieces']"
     elif how.pieces:
         yield from ("pieces = {", *_items(how.pieces), "}")
     if how.pieces:
@@ -151,7 +171,7 @@ def _scored(diagnosis: Diagnosis) -> Iterator[str]:
     else:
         yield "for name, record in recordings.items():"
         yield f"    made = record{quiet}"
-    yield f"    print(tsm.score(diagram, {{name: made}}, {', '.join(_arguments(diagnosis, how))}))"
+    yield f"    print(tsm.score({model}, {{name: made}}, {', '.join(_arguments(diagnosis, how))}))"
 
 
 def _short(step: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,8 @@ from tsmblocks.common import units
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
 from tsmblocks.data.noise_floor import method_text, noise_of_recordings
+from tsmblocks.fitting.residual_cause import cause_text, spike_text, starts_wrong
+from tsmblocks.fitting.score import Difference, Differences
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
@@ -35,26 +37,44 @@ def factor_text(ratio: float) -> str:
     return f"{ratio:.1f}" if ratio < 9.95 else f"{ratio:.0f}"
 
 
-def beyond_noise(fit: Fit) -> list[str]:
-    """A caution for each output whose residual is far above the noise of the recordings."""
-    if fit.status in ("interrupted", "limit"):
-        return []
-    said = []
-    for name in dict.fromkeys(d.output for d in fit.differences):
-        own = [d for d in fit.differences if d.output == name]
-        rms = float(np.sqrt(np.mean(np.concatenate([d.residual for d in own]) ** 2)))
+def material_residuals(differences: Differences) -> Iterator[list[Difference]]:
+    """The residuals of each output, by experiment, that are not negligible beside its spread."""
+    for name in dict.fromkeys(d.output for d in differences):
+        own = [d for d in differences if d.output == name]
         spread = float(np.sqrt(np.mean(np.concatenate([d.measured - d.measured.mean() for d in own]) ** 2)))
-        if not rms > NEGLIGIBLE * spread:
-            continue
-        noise, method = output_noise(name, own[0].unit, fit.records, fit.diagram.inports)
-        if noise > 0 and rms >= FAR * noise:
-            k, unit = units.display_unit(own[0].unit)
-            size = f"{k * noise:.3g} {unit}".rstrip()
-            held = "a bound or constraint prevents a better fit, or " if fit.active else ""
-            said.append(
-                f"The residual of {name} is {factor_text(rms / noise)} times the noise ({size} rms, "
-                f"{method_text(method)}): {held}"
-                "the model lacks an effect, and the intervals do not cover it. A diagnosis (tsm.diagnose, tsmblocks "
-                "diagnose) searches for it."
-            )
+        if _rms(own) > NEGLIGIBLE * spread:
+            yield own
+
+
+def _rms(own: Sequence[Difference]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate([d.residual for d in own]) ** 2)))
+
+
+def is_far(own: Sequence[Difference], noise: float) -> bool:
+    """Whether the residual of an output is far above its ``noise``, where that is known."""
+    return noise > 0 and _rms(own) >= FAR * noise
+
+
+def beyond_noise(fit: Fit) -> list[str]:
+    """A caution for each output whose residual is far above the noise of the recordings, or is in a few samples."""
+    said = []
+    for own in material_residuals(fit.differences):
+        name, spike = own[0].output, "" if starts_wrong(fit, own) else spike_text(own)
+        if spike:  # it may have enlarged the noise that is found
+            said.append(f"The residual of {name} has {spike}: check the recording there.")
+        elif fit.status not in ("interrupted", "limit"):
+            said += _far(fit, own)
     return said
+
+
+def _far(fit: Fit, own: Sequence[Difference]) -> list[str]:
+    """A caution where the residual of an output is far above the noise."""
+    noise, method = output_noise(own[0].output, own[0].unit, fit.records, fit.diagram.inports)
+    if not is_far(own, noise):
+        return []
+    k, unit = units.display_unit(own[0].unit)
+    size = f"{k * noise:.3g} {unit}".rstrip()
+    return [
+        f"The residual of {own[0].output} is {factor_text(_rms(own) / noise)} times the noise ({size} rms, "
+        f"{method_text(method)}): {cause_text(fit, own)}"
+    ]

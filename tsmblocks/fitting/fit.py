@@ -102,8 +102,8 @@ def fit(
         Outputs to compare; by default all that were measured.
     sigma : float, str or dict of str to these, optional
         Standard deviation of the noise, with a unit (``"0.06deg"``, ``{"x_out": "0.06deg"}``); a number alone is in the
-        unit of recordings and diagram, and refused where these differ. By default one output counts as it is, several
-        by their spread.
+        unit of recordings, diagram and all outputs, and refused where these differ. By default one output counts as it
+        is, several by their spread.
     window : (float, float) or dict of str to these, optional
         Start and stop in s of the samples to compare, by experiment if they differ. The simulation runs from the start
         of the recording all the same.

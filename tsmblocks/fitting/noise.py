@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -57,7 +58,7 @@ def given_floors(
 ) -> dict[str, tuple[float, str]]:
     """The floors that were given, by output: in the diagram's unit (the recording's where it has none), and in words.
 
-    Raises ParameterError for one that is none, and for a number without a unit where it could be in two.
+    Raises ParameterError for one that is none, and for a number without a unit where it could be in several.
     """
     made: dict[str, tuple[float, str]] = {}
     in_use = {k: diagram.unit(k) or next((r.unit(k) for r in records.values() if k in r), "") for k in outputs}
@@ -65,6 +66,8 @@ def given_floors(
         if one.output and one.output not in outputs:
             raise ParameterError(f"{what}: '{one.output}' is not compared here.{near(one.output, outputs)}")
         names = [one.output] if one.output else list(outputs)
+        if not one.unit:
+            _refuse_several(one, {k: in_use[k] for k in names if in_use[k]}, what)
         found = {k: size for k in names if (size := _size(one, k, in_use[k], records, what)) is not None}
         if not found:
             wanted = ", ".join(f"{k} [{in_use[k]}]" for k in names)
@@ -74,6 +77,16 @@ def given_floors(
             raise ParameterError(f"{what} gives {twice[0]} two values; name each output once.")
         made |= found
     return made
+
+
+def _refuse_several(one: Floor, in_use: Mapping[str, str], what: str) -> None:
+    """Raise ParameterError where a number without a unit is for outputs in different ones."""
+    if any(not units.same(a, b) for a, b in itertools.pairwise(in_use.values())):
+        where = ", ".join(f"{k} in {unit}" for k, unit in in_use.items())
+        each = " ".join(f"'{k}={one.text}{unit}'" for k, unit in in_use.items())
+        raise ParameterError(
+            f"{what}={one.text} has no unit, and the outputs differ: {where}. Give one for each: {each}."
+        )
 
 
 def _each(given: Any, what: str) -> Iterator[Floor]:

@@ -92,6 +92,8 @@ class Fit:
         The recordings by experiment.
     notes : tuple of str
         Remarks on data, step and result.
+    fixed_in_doubt : dict of str to tuple of str
+        By output with a residual far above the noise, fixed parameters whose change would remove much of it.
     """
 
     diagram: Diagram
@@ -109,6 +111,7 @@ class Fit:
     hold: Hold
     records: Mapping[str, Record] = attrs.field(repr=False)
     notes: tuple[str, ...] = ()
+    fixed_in_doubt: Mapping[str, tuple[str, ...]] = attrs.field(factory=dict, repr=False)
 
     @property
     def status(self) -> str:

@@ -10,12 +10,15 @@ import numpy as np
 from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
+from tsmblocks.fitting.above_noise import is_far, material_residuals, output_noise
+from tsmblocks.fitting.column_space import column_space
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, Undetermined, sizes, undetermined
 from tsmblocks.fitting.input_checks import runs_ahead
 from tsmblocks.fitting.input_noise import filtered_problem, input_noise_note
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.parameters import is_start, numbers
+from tsmblocks.fitting.residual_cause import fixed_in_doubt
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.result import Estimate, Fit
 from tsmblocks.fitting.score import Differences, simulated_differences
@@ -30,6 +33,8 @@ UNCERTAIN_VERDICT, OPEN_VERDICT = "uncertain", "not determined"
 """Verdicts on parameters with an interval that is wide, and without one."""
 NEXT_TO_NOTHING = 1.0
 """Explained variation [%] up to which a diagram explains hardly more than a constant. Chosen."""
+SQUARED_EFFECT = 1e-12
+"""Squared effect of a direction of the free parameters, as a share of the largest, below which it has none. Chosen."""
 SAME = 1.0
 """Costs that differ by less than this many variances of a sample belong to one optimum. Chosen."""
 
@@ -91,6 +96,7 @@ def summarise(
             *_input_noise_notes(problem, setup, optimum),
             *_known_parameter_notes(setup, [item.parameter for item in unknowns.items]),
         ),
+        fixed_in_doubt=_fixed_in_doubt(problem, setup, optimum, differences),
     )
 
 
@@ -148,6 +154,19 @@ def _step_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
     except RunError:  # more steps than fit into memory
         return []
     return shift_note(problem.unknowns.names, _moved(at, fine), setup.experiments[0].times.h)
+
+
+def _fixed_in_doubt(
+    problem: Problem, setup: Setup, at: _Optimum, differences: Differences
+) -> dict[str, tuple[str, ...]]:
+    """Fixed parameters that may cause a residual far above the noise, by output."""
+    records = {experiment.name: experiment.record for experiment in setup.experiments}
+    inputs = setup.diagram.inports
+    material = ((own, own[0].output, own[0].unit) for own in material_residuals(differences))
+    if not any(is_far(own, output_noise(name, unit, records, inputs)[0]) for own, name, unit in material):
+        return {}
+    space = column_space(at.jacobian, SQUARED_EFFECT, held=at.rows)
+    return fixed_in_doubt(problem, setup, at.theta, at.residuals, space)
 
 
 def _input_noise_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
