@@ -191,6 +191,13 @@ def test_every_block_diagram_effect_command_and_public_name_has_its_place(site):
     assert {f"tsmblocks.{name}" for name in said} <= anchors
 
 
+def test_no_two_variants_on_the_page_of_an_effect_have_one_heading(site):
+    for path in (site / "effects").glob("*.html"):
+        headings = re.findall(r"<h2>(.*?)<a ", path.read_text(encoding="utf-8"))
+        assert headings
+        assert len(set(headings)) == len(headings), path.name
+
+
 def test_links_lead_somewhere_and_nothing_is_loaded_from_elsewhere(site):
     styles = [path.read_text(encoding="utf-8") for path in site.rglob("*.css")]
     assert not [one for text in styles for one in re.findall(r"@import[^;]*|url\(\s*[\"']?(?:https?:)?//[^)]*", text)]

@@ -160,6 +160,28 @@ def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
     assert verdict_text.next_steps(NAMED) == []
 
 
+def test_a_factor_that_varies_has_two_readings_and_its_residual_is_compared_with_the_noise():
+    (gap,) = NAMED.gaps
+    small = attrs.evolve(gap, held_out=(0.52 * DEG, 1.03 * NOISE))
+    where = "the acceleration of x_out (output), by a factor that varies within about 3.8 s"
+    said = attrs.evolve(NAMED, complete=False, irregular=True, varies_with=where, gaps=(small,))
+    first, *others = verdict_text.next_steps(said)
+    assert first == (
+        "The residual of x_out (1.03 times the noise floor) has a part in proportion to the acceleration of x_out "
+        "(output), by a factor that varies within about 3.8 s. Either a parameter varies over that time, or the model "
+        "lacks a nonlinearity or has one of another form."
+    )
+    assert [step.split(" ")[0] for step in others] == ["Record", "Compare"]
+    assert verdict_text.next_steps(attrs.evolve(said, filtered=("x_in",))) == [
+        first,
+        *others,
+        "Filtering of x_in may leave a residual of that size as well: compare with --no-condition, in Python "
+        "condition=False.",
+    ]
+    unknown = attrs.evolve(said, verdict="unknown", effects=(), ranking=(ranked("dead_time", 0.24),))
+    assert f"The residual has a part in proportion to {where}." in verdict_text.verdict_sentence(unknown)
+
+
 def test_an_experiment_whose_error_is_far_from_all_others_is_looked_at_alone():
     (gap,) = NONE.gaps
     some = {"a": (0.1,), "b": (0.12,), "c": (0.33,)}

@@ -49,7 +49,7 @@ def test_a_gain_that_wanders_is_proportional_to_the_position_by_a_factor_that_va
     records = recordings(1, lambda *_: 0.0), recordings(1, wandering)
     error = np.mean([np.mean((b["x_out"] - a["x_out"]) ** 2) for a, b in zip(*map(dict.values, records), strict=True)])
     assert 0.3 < found.share * (1 + error / SIGMA**2) / (error / SIGMA**2) < 1.1
-    assert f"varies over about {found.window:.2g} s" in found.words
+    assert f"varies within about {found.window:.2g} s" in found.words
 
 
 @pytest.mark.parametrize("kind", ["white", "heavy", "slow", "very slow"])
@@ -73,7 +73,10 @@ def test_a_gain_that_wanders_is_unknown_and_the_verdict_says_to_what_it_is_propo
     assert found.worst.irregular
     assert max(r.share for r in found.worst.ranking if r.fitted) < 0.9
     assert found.worst.excess > 0.1
-    assert "proportional to the position of x_in (input), with a factor that varies over about" in found.sentence
+    assert (
+        "has a part in proportion to the position of x_in (input), by a factor that varies within about"
+        in found.sentence
+    )
     assert "temperature" in str(found)
     assert found.to_dict()["segments"][0]["varies_with"] == found.worst.varies_with
 

@@ -91,6 +91,7 @@ def _segment(s: Segment) -> dict[str, Any]:
         "varies_with": s.varies_with,
         "predictable": {"before": s.predictable[0], "after": s.predictable[1]},
         "largest_noise": s.largest_noise,
+        "filtered": s.filtered,
         "excess": s.excess,
         "sentence": s.sentence,
         "effects": [e.name for e in s.effects],

@@ -73,6 +73,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
             max(diagnosed.left.share, diagnosed.rejected_share, 0.0),
         ),
         largest_noise={k: v * np.sqrt(diagnosed.largest_noise) for k, v in diagnosed.floors.sigma.items()},
+        filtered=tuple(name for name, rms in diagnosed.search.input_noise.items() if rms > 0),
     )
     return attrs.evolve(result, sentence=verdict_sentence(result))
 

@@ -63,7 +63,7 @@ class VaryingFactor:
     def words(self) -> str:
         """The coordinate and the time in words."""
         kind, _, name = self.signal.partition(" ")
-        return f"the {self.coordinate} of {name} ({kind}), with a factor that varies over about {self.window:.2g} s"
+        return f"the {self.coordinate} of {name} ({kind}), by a factor that varies within about {self.window:.2g} s"
 
 
 def varying_factor(model: Model, seed: int) -> VaryingFactor | None:

@@ -24,6 +24,7 @@ of one sensor varies by less."""
 NEARLY_ALL = 0.98
 """Share of the reduction by an effect that was named from which one that leaves more error explains nearly as much.
 Chosen: no block has quite the form of a real mechanism."""
+COMPARE_STRUCTURES = "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare."
 ALL_SHARE = 0.995
 """Share from which it is printed as 100 %."""
 
@@ -134,7 +135,7 @@ def _none_tried(segment: Segment) -> str:
 def _shape(segment: Segment) -> str:
     """The signals that predict the residual, and the share that they predict."""
     if segment.varies_with:
-        return f"The residual is proportional to {segment.varies_with}."
+        return f"The residual has a part in proportion to {segment.varies_with}."
     if segment.irregular:
         return "The residual is irregular: no recorded signal predicts it, and it is too large for noise."
     along = "; ".join(w.words for w in segment.where)
@@ -168,11 +169,7 @@ def next_steps(segment: Segment) -> list[str]:
     if segment.complete:
         return []
     if segment.varies_with:
-        return [
-            *alone,
-            f"Find what else changes over that time: the residual is proportional to {segment.varies_with}. Record "
-            "possible causes (a temperature, a preload, a supply), or repeat one motion without a pause.",
-        ]
+        return [*alone, *_where_a_factor_varies(segment)]
     if segment.irregular:
         return [
             *alone,
@@ -183,10 +180,39 @@ def next_steps(segment: Segment) -> list[str]:
     return [
         *alone,
         *_others_to_try(segment),
-        "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare.",
+        COMPARE_STRUCTURES,
         "Record more of the motion along which the error is predicted, to show its shape.",
         "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
     ]
+
+
+def _where_a_factor_varies(segment: Segment) -> list[str]:
+    """What is measured of a residual in proportion to the motion by a factor that varies, and what may be its cause."""
+    gap = max(segment.gaps, key=_remaining_ratio)
+    beside = f" ({_remaining_ratio(gap):.3g} times the noise floor)" if gap.noise_floor > 0 else ""
+    return [
+        f"The residual of {gap.output}{beside} has a part in proportion to {segment.varies_with}. Either a parameter "
+        "varies over that time, or the model lacks a nonlinearity or has one of another form.",
+        "Record what may make a parameter vary (a temperature, a preload, a supply), or repeat one motion without a "
+        "pause.",
+        COMPARE_STRUCTURES,
+        *_filtering(segment),
+    ]
+
+
+def _filtering(segment: Segment) -> list[str]:
+    """A remark on inputs out of which noise was filtered."""
+    if not segment.filtered:
+        return []
+    return [
+        f"Filtering of {listed(segment.filtered)} may leave a residual of that size as well: compare with "
+        "--no-condition, in Python condition=False."
+    ]
+
+
+def _remaining_ratio(gap: Gap) -> float:
+    """The held-out error of the last model [noise floors]."""
+    return gap.held_out[-1] / gap.noise_floor if gap.noise_floor > 0 else 0.0
 
 
 def _others_to_try(segment: Segment) -> list[str]:

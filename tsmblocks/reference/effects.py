@@ -14,6 +14,7 @@ from tsmblocks.blocks import MultiSine
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
+from tsmblocks.diagnosis.variants import VARIANT_WORDS, parts_of
 from tsmblocks.effects import Effect, Scales, Trials, span_of
 from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
@@ -114,14 +115,25 @@ def page(name: str, some: list[Effect]) -> str:
         *([f":Contains: {contains}"] if contains else []),
     ]
     opening = f"{rst.words(_capital(_words(some)))}."
-    return rst.page(rst.heading(name), opening, "\n".join(facts), *map(_variant, some))
+    return rst.page(rst.heading(name), opening, "\n".join(facts), *map(_variant, some, _titles(some)))
 
 
-def _variant(effect: Effect) -> str:
+def _titles(some: list[Effect]) -> list[str]:
+    """The headings of the variants of an effect: words and place, and in what it differs from one with the same."""
+    said: dict[str, set[str]] = {}
+    found = []
+    for effect in some:
+        title, parts = f"{_capital(effect.words)} ({effect.place})", parts_of(effect.variant)
+        more = [VARIANT_WORDS[part] for part in parts if part not in said[title]] if title in said else []
+        said.setdefault(title, set()).update(parts)
+        found.append(", ".join([title, *more]))
+    return found
+
+
+def _variant(effect: Effect, title: str) -> str:
     made = placed(effect)
-    apart = ", ".join(dict.fromkeys(filter(None, (effect.place, *effect.variant.split(", ")))))
     return rst.page(
-        rst.heading(f"{_capital(effect.words)} ({apart})", 1),
+        rst.heading(title, 1),
         f"Its place is {PLACES[effect.place]}. It is made of {_links('blocks', uses.types_in(effect.block))}.",
         rst.html(uses.linked_picture(effect.block)) if isinstance(effect.block, Diagram) else "",
         _numbers(effect, made.trials),
