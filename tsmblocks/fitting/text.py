@@ -90,7 +90,7 @@ def cautions(fit: Fit) -> list[str]:
 
 
 MIN_FLIPPED = 2
-"""Gains with another sign than they began with, from which there is a caution. Chosen: one alone may have been wrong."""
+"""Gains with another sign than they began with, from which there is a caution. Chosen: one may have been wrong."""
 
 
 def flipped_gains(before: Mapping[str, float], after: Mapping[str, float]) -> list[str]:
