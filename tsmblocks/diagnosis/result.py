@@ -188,8 +188,8 @@ class Segment:
     ``complete`` is False where the last model leaves more than noise, ``irregular`` True where that is no function of
     what was recorded; ``varies_with`` is the coordinate to which it is proportional by a factor that varies,
     if it is.
-    ``largest_noise`` is the largest rms noise of each output that is plausible; ``filtered`` are the inputs out of which
-    noise was filtered.
+    ``largest_noise`` is the largest rms noise of each output that is plausible; ``filtered`` are the inputs out of
+    which noise was filtered.
     """
 
     name: str
