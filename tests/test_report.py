@@ -351,6 +351,14 @@ def test_the_unit_of_a_coordinate_follows_from_the_motion():
     assert units == {"position": "rad", "speed": "rad/s", "session time": "s"}
 
 
+def test_the_axis_of_a_coordinate_with_a_sign_says_what_negative_means():
+    base = tsm.load("tendon_sheath_linear")
+    assert showing.profile(NAMED, "x_out", "speed", base).coordinate == "speed"
+    signed = showing.profile(NAMED, "x_out", "time since reversal", base)
+    assert signed.x.min() < 0
+    assert signed.coordinate == "time since reversal, negative where x_in falls"
+
+
 def test_too_few_blocks_say_nothing_of_how_sure_a_mean_is():
     short = attrs.evolve(trace("full", 0.8), excess=np.array([[0.0, 8.0, 20.0]]))
     base = tsm.load("tendon_sheath_linear")
