@@ -707,7 +707,7 @@ def test_bars_of_the_gap_are_drawn_in_degrees_on_axes_of_ones_own(plots):
     assert widths == pytest.approx([0.52, 0.53, 0.51])
     (noise,) = (line.get_xdata()[0] for line in own.lines)
     assert noise == pytest.approx(0.1)
-    assert own.get_xlabel() == "rms of x_out on validation data [deg]"
+    assert own.get_xlabel() == "rms of x_out on held-out data [deg]"
 
 
 def test_what_is_left_can_be_drawn_for_any_experiment(plots):

@@ -70,7 +70,10 @@ def test_a_gain_that_wanders_is_unknown_and_the_verdict_says_to_what_it_is_propo
     assert found.worst.irregular
     assert max(r.share for r in found.worst.ranking if r.fitted) < 0.9
     assert found.worst.excess > 0.1
-    assert "has a part in proportion to the position of x_in (input), by a factor that varies within about" in found.sentence
+    assert (
+        "has a part in proportion to the position of x_in (input), by a factor that varies within about"
+        in found.sentence
+    )
     assert "temperature" in str(found)
     assert found.to_dict()["segments"][0]["varies_with"] == found.worst.varies_with
 
