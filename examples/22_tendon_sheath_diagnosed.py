@@ -29,7 +29,7 @@ def predicted_rms(diagram, record):
 
 for model, chosen in bends.items():
     predicts = model == "tendon_sheath_linear"
-    print(f"\n{model}\n{'rms [deg]':10} {'fitted':^16}   {'validation':^16}" + "   second cycle" * predicts)
+    print(f"\n{model}\n{'rms [deg]':10} {'fitted':^16}   {'held out':^16}" + "   second cycle" * predicts)
     for bend in chosen:
         record = tsm.read(folder / f"{bend}.txt", columns="t, x_in [deg],, x_out [deg],,,,")
         found = tsm.diagnose(tsm.load(model), record)

@@ -1,7 +1,7 @@
 """What is the friction of the axis?  A diagnosis of a ball-screw drive that is modelled without dry friction.
 
 The position loop suppresses friction in the position, and friction appears in the force, so both are compared. Only
-the first of two equal strokes is fitted; the second, and a recording with pulses of 5 V, are validation data.
+the first of two equal strokes is fitted; the second, and a recording with pulses of 5 V, are held out.
 Measured data: EMPS of Janot, Gautier and Brunot (nonlinearbenchmark.org), in the folder emps/ of the one that
 TSMBLOCKS_DATA names.
 """

@@ -349,6 +349,7 @@ def test_colours_are_for_terminals_and_obey_the_environment(environment, termina
 def test_what_a_reader_looks_for_stands_out():
     text = (
         "NONE. No unmodelled effect is detectable.\n\nname    rms [deg]\nbend        1.25\n\nbeware:\n- a: b\n\n"
+        "beware in u -> y:\n- a: b\n\n"
         "changes to the diagram:\n+ gap -> x\n- u -> x\n\ngap:\n  width  3.4 deg\n"
     )
     seen = re.findall("\x1b\\[([0-9;]+)m(.*?)\x1b\\[0m", colour.emphasised(text))
@@ -356,6 +357,7 @@ def test_what_a_reader_looks_for_stands_out():
         ("1;32", "NONE"),
         ("1", "name    rms [deg]"),
         ("1;33", "beware:"),
+        ("1;33", "beware in u -> y:"),
         ("1", "changes to the diagram:"),
         ("32", "+ gap -> x"),
         ("1", "gap:"),

@@ -115,8 +115,9 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     assert said.verdict == "named"
     (note,) = [n for n in said.notes if "noise floor" in n]
     assert note == (
-        "the noise floor of x_out found in repeated periods (1.16 deg) is above the residual of the base "
-        "(0.353 deg rms); 0.0621 deg of fast noise is used instead."
+        "the noise of x_out estimated from repeated periods, 1.16 deg rms, is not all noise: the residual of the base, "
+        "which contains all of it, is smaller (0.353 deg rms). Its fast noise is taken for the noise floor instead, "
+        "0.0621 deg rms."
     )
 
 
@@ -125,8 +126,9 @@ def test_a_floor_above_what_the_final_model_leaves_is_doubted():
     sigma = {"x_out": 1.2 * DEG}
     found_in = NoiseFloors(sigma, {"x_out": "repeated periods"})
     assert doubtful_floors(found_in, {"x_out": 0.8}, diagram) == [
-        "the noise floor of x_out found in repeated periods (1.2 deg) is above the residual of the final model "
-        "(0.96 deg rms), so it is too high, and small effects may be missed. Give the noise if you know it."
+        "the noise floor of x_out estimated from repeated periods, 1.2 deg rms, is too high: the residual of the final "
+        "model, which contains all noise, is smaller (0.96 deg rms). Small effects may be missed. Give the noise if "
+        "you know it."
     ]
     assert doubtful_floors(found_in, {"x_out": 0.95}, diagram) == []
     for method in ("given", "high frequencies"):

@@ -351,6 +351,14 @@ def test_the_unit_of_a_coordinate_follows_from_the_motion():
     assert units == {"position": "rad", "speed": "rad/s", "session time": "s"}
 
 
+def test_the_axis_of_a_coordinate_with_a_sign_says_what_negative_means():
+    base = tsm.load("tendon_sheath_linear")
+    assert showing.profile(NAMED, "x_out", "speed", base).coordinate == "speed"
+    signed = showing.profile(NAMED, "x_out", "time since reversal", base)
+    assert signed.x.min() < 0
+    assert signed.coordinate == "time since reversal, negative where x_in falls"
+
+
 def test_too_few_blocks_say_nothing_of_how_sure_a_mean_is():
     short = attrs.evolve(trace("full", 0.8), excess=np.array([[0.0, 8.0, 20.0]]))
     base = tsm.load("tendon_sheath_linear")
@@ -700,7 +708,7 @@ def test_bars_of_the_gap_are_drawn_in_degrees_on_axes_of_ones_own(plots):
     assert widths == pytest.approx([0.52, 0.53, 0.51])
     (noise,) = (line.get_xdata()[0] for line in own.lines)
     assert noise == pytest.approx(0.1)
-    assert own.get_xlabel() == "rms of x_out on validation data [deg]"
+    assert own.get_xlabel() == "rms of x_out on held-out data [deg]"
 
 
 def test_what_is_left_can_be_drawn_for_any_experiment(plots):

@@ -289,6 +289,19 @@ def test_cautions_on_initial_states_of_whole_recordings_name_these(lag_fit):
     ]
 
 
+def test_parameters_and_cautions_of_several_parts_name_the_part(lag_fit):
+    own = attrs.evolve(lag_fit, undetermined=(), active=("the upper bound of lag.time_constant (1)",))
+    parts = [attrs.evolve(NONE, name=name, fit=own) for name in ("u -> y", "y -> z")]
+    assert re.findall("^(parameters of .*|beware.*):$", str(diagnosis(*parts)), re.MULTILINE) == [
+        "parameters of the diagram in u -> y, fitted with it",
+        "beware in u -> y",
+        "parameters of the diagram in y -> z, fitted with it",
+        "beware in y -> z",
+    ]
+    alone = re.findall("^(parameters of .*|beware.*):$", str(diagnosis(parts[0])), re.MULTILINE)
+    assert alone == ["parameters of the diagram, fitted with it", "beware"]
+
+
 def test_a_bound_that_was_reached_is_said_in_plain_words(lag_fit):
     at = attrs.evolve(lag_fit, undetermined=(), active=("the upper bound of lag.time_constant (1)",))
     assert estimate_cautions(at) == [

@@ -16,7 +16,7 @@ EMPHASIS: tuple[tuple[str, tuple[int, ...]], ...] = (
     (r"^NONE(?=\.)", (BOLD, GREEN)),
     (r"^NAMED(?=\.)|^NAMED, INCOMPLETE(?=\.)", (BOLD, BLUE)),
     (r"^UNKNOWN(?=\.)", (BOLD, YELLOW)),
-    (r"^(?:beware|could not be fitted):$", (BOLD, YELLOW)),
+    (r"^(?:beware(?: in .+)?|could not be fitted):$", (BOLD, YELLOW)),
     (r"^tsmblocks: (?:warning:)?", (BOLD, RED)),
     (r"^note:", (BOLD,)),
     (r"(?<=: )ok(?=; )", (GREEN,)),

@@ -1,4 +1,4 @@
-"""Fit several models to the same recordings and rank them on validation data.
+"""Fit several models to the same recordings and rank them on held-out data.
 
 Without DIAGRAM every ready-made tendon-sheath model is fitted; the short names
 of the table (play, asymmetric) may be used too. Each FILE is one experiment.
@@ -25,7 +25,7 @@ from tsmblocks.common.tables import line_width
 if TYPE_CHECKING:
     from tsmblocks.fitting.comparison import Comparison
 
-HELP = "fit several models to the same recordings and rank them on validation data"
+HELP = "fit several models to the same recordings and rank them on held-out data"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +36,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     add = partial(common.add, parser.add_argument_group("fits"))
     train = (
-        "share of each recording that is fitted, from its start (default 0.5; with 1 there are no validation "
+        "share of each recording that is fitted, from its start (default 0.5; with 1 there are no held-out "
         "data), or its times START:STOP in s"
     )
     add("--train", metavar="PART", type=common.share_or_time_range, default=0.5, help=train)
@@ -125,7 +125,7 @@ def _progress(models: Sequence[str], groups: int) -> Callable[[str, int, float],
 
 
 def _heading(args: argparse.Namespace) -> str:
-    """One sentence on the fitted data and the validation data."""
+    """One sentence on the fitted data and the held-out data."""
     if isinstance(args.train, tuple):
         low, high = ("" if value is None else f"{value:g}" for value in args.train)
         where = f"{low}:{high} s of each recording"

@@ -128,7 +128,7 @@ def search(story: Story) -> str:
         return "The residual is not above the sensor's noise: no effect had to be tried."
     return (
         f"{effects} effects of the catalogue were tried at every admissible signal; {fits} candidates were fitted "
-        "together with the model, and judged on validation data: blocks of time held out of the fit."
+        "together with the model, and judged on held-out data: blocks of time held out of the fit."
     )
 
 

@@ -127,7 +127,7 @@ def _diagnosed(diagnosis: Diagnosis) -> list[Markup]:
     lines, name = line_colours(colours), worst.experiment
     return [
         *(profile_figure(one, explained=bool(diagnosis.effects), quiet=quiet) for one in along),
-        part("figure", figures.gap_bars(segment, gap), "Error on validation data", [*colours, *figures.OF_BARS]),
+        part("figure", figures.gap_bars(segment, gap), "Error on held-out data", [*colours, *figures.OF_BARS]),
         part(
             "figure", figures.signals_chart(worst, POINTS, quiet=quiet), f"{name}: measured and simulated", lines[:-1]
         ),

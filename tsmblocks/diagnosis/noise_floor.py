@@ -181,10 +181,10 @@ def lowered_noise_floors(
             continue
         fast = fast_noise_of_recordings(records, name, unit)
         if 0 < fast < sigma[name]:
-            taken = f"{in_display_units(fast, unit)} of fast noise is used instead"
             more_notes.append(
-                f"the noise floor of {name} found in {method[name]} ({floor}) is above the residual of the base "
-                f"({rms} rms); {taken}."
+                f"the noise of {name} estimated from {method[name]}, {floor} rms, is not all noise: the residual of "
+                f"the base, which contains all of it, is smaller ({rms} rms). Its fast noise is taken for the noise "
+                f"floor instead, {in_display_units(fast, unit)} rms."
             )
             sigma[name], method[name] = fast, HIGH_FREQUENCIES
             low[name], high[name] = fast, np.inf
@@ -203,8 +203,9 @@ def doubtful_floors(found: NoiseFloors, residual_rms: Mapping[str, float], diagr
             continue
         floor, rms = (in_display_units(k * found.sigma[name], diagram.unit(name)) for k in (1.0, share))
         notes.append(
-            f"the noise floor of {name} found in {found.method[name]} ({floor}) is above the residual of the final "
-            f"model ({rms} rms), so it is too high, and small effects may be missed. Give the noise if you know it."
+            f"the noise floor of {name} estimated from {found.method[name]}, {floor} rms, is too high: the residual of "
+            f"the final model, which contains all noise, is smaller ({rms} rms). Small effects may be missed. Give the "
+            "noise if you know it."
         )
     return notes
 

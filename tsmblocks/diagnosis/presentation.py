@@ -12,7 +12,7 @@ from tsmblocks.common.rounding import LARGEST_PLAIN, plus_minus
 from tsmblocks.common.units import display_unit, heading
 from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
-from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, binned, coordinates, words_for
+from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, axis_title, binned, coordinates
 from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
 from tsmblocks.fitting.parameters import numbers, unknown
 from tsmblocks.model.diagram import Diagram
@@ -128,7 +128,7 @@ def darkness(square: float) -> float:
 
 
 def gap_rows(segment: Segment, gap: Gap) -> list[tuple[str, tuple[float, ...], tuple[float, float]]]:
-    """Rows of a chart of rms errors, ``all`` first: name, errors on validation data, first and last on fitted data."""
+    """Rows of a chart of rms errors, ``all`` first: name, errors on held-out data, first and last on fitted data."""
     rows = [("all", gap.held_out, (gap.train[0], gap.train[-1]))]
     if len(gap.experiments) > 1:
         fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
@@ -251,10 +251,11 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
         return None
     rows = [(x[b].mean(), *_mean(before[b], blocks[b]), *_mean(after[b], blocks[b]), explained[b].mean()) for b in bins]
     table = np.array(rows).T
-    own = traces[0].unit if not len(traces[0].drive) else diagram.unit(traces[0].drive_name)
+    first = traces[0]
+    moving, own = (first.drive_name, diagram.unit(first.drive_name)) if len(first.drive) else (output, first.unit)
     rate, _ = COORDINATES[coordinate]
     unit = rate if "{}" not in rate else rate.format(own) if own else ""
-    return Profile(words_for(coordinate, traces[0].drive_name, own), unit, traces[0].unit, *table)
+    return Profile(axis_title(coordinate, moving, own), unit, first.unit, *table)
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:

@@ -59,6 +59,12 @@ def words_for(text: str, signal: str, unit: str) -> str:
     return text.replace("{}", signal)
 
 
+def axis_title(coordinate: str, signal: str, unit: str) -> str:
+    """The title of an axis of a coordinate of a signal [unit]; where it has the sign of the direction, it says so."""
+    signed = COORDINATES[coordinate][1].endswith("with the sign of the direction")
+    return words_for(coordinate, signal, unit) + (f", negative where {signal or 'it'} falls" if signed else "")
+
+
 def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.ndarray]:
     """Coordinates (n,) that may predict the residual, from the motion ``x`` (n,) at the instants ``t`` (n,) [s]."""
     v = np.gradient(x, t)

@@ -72,7 +72,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     parts += [
         text
         for segment in diagnosis.segments
-        for text in (*_parameters(segment), *_bullets("beware", segment.cautions))
+        for text in (*_parameters(segment, several), *_bullets(f"beware{_of(segment, several)}", segment.cautions))
     ]
     parts += _script(diagnosis)
     parts += [text for segment in diagnosis.segments for text in _indistinguishable(segment)]
@@ -232,9 +232,14 @@ def parameter_rows(segment: Segment) -> list[tuple[str, ...]]:
     return estimate_rows(segment.fit, own) if own else []
 
 
-def _parameters(segment: Segment) -> list[str]:
-    rows = parameter_rows(segment)
-    return [f"parameters of the diagram, fitted with it:\n{columns(rows, left=(0, 4, 6))}"] if rows else []
+def _parameters(segment: Segment, several: bool) -> list[str]:
+    rows, title = parameter_rows(segment), f"parameters of the diagram{_of(segment, several)}, fitted with it"
+    return [f"{title}:\n{columns(rows, left=(0, 4, 6))}"] if rows else []
+
+
+def _of(segment: Segment, several: bool) -> str:
+    """The part that a title is about, where there are several."""
+    return f" in {segment.name}" if several else ""
 
 
 def initial_states_text(diagnosis: Diagnosis) -> str:
@@ -281,7 +286,7 @@ def _limits(segment: Segment, several: bool) -> str:
     detectable = [m for m in segment.limits if m.value is not None]
     named = {one.name for one in segment.effects}
     undetectable = [m for m in segment.limits if m.value is None and m.name not in named]
-    where = f" in {segment.name}" if several else ""
+    where = _of(segment, several)
     parts = []
     if detectable:
         rows = [[m.name, limit_text(m)] for m in detectable]

@@ -1,4 +1,4 @@
-"""``compare``: several models fitted to the same recordings and ranked by their error on validation data."""
+"""``compare``: several models fitted to the same recordings and ranked by their error on held-out data."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def compare(
     progress: Callable[[str, int, float], None] | None = None,
     backend: str = "",
 ) -> Comparison:
-    """Fit several models to the same recordings and rank them by their error on validation data.
+    """Fit several models to the same recordings and rank them by their error on held-out data.
 
     Every simulation runs through from the start of its recording.
 
@@ -143,7 +143,7 @@ def compare(
 
 
 def _validated(name: str, found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Row:
-    """A fitted model with its residuals on validation data, or why these are not known."""
+    """A fitted model with its residuals on held-out data, or why these are not known."""
     made = list[Difference]()
     try:
         for experiment, window in parts.items():

@@ -19,7 +19,7 @@ from tsmblocks.fitting.score import Differences
 
 @attrs.frozen(eq=False)
 class Row:
-    """One model: its fit, and its residuals on training and validation data.
+    """One model: its fit, and its residuals on training and held-out data.
 
     ``fault`` says why a model could not be fitted, and the rest is then empty; or, where there is a ``fit``, why it
     could not be validated.
@@ -43,7 +43,7 @@ class Row:
 
     @property
     def figure(self) -> float:
-        """RMS by which models are ranked: on validation data, or that of the fit without any; infinite on a fault."""
+        """RMS by which models are ranked: on held-out data, or that of the fit without any; infinite on a fault."""
         best = self.held_out or self.train
         return np.inf if best is None or self.fault else best.rms
 
@@ -56,7 +56,7 @@ class Row:
 
 @attrs.frozen(eq=False)
 class Comparison:
-    """Models ranked from best to worst, on validation data where there are any; by name, ``comparison["play"]``.
+    """Models ranked from best to worst, on held-out data where there are any; by name, ``comparison["play"]``.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ CORNERS = 4
 
 
 def gap_bars(segment: Segment, gap: Gap) -> Markup:
-    """Rms error of each experiment on validation data before and after each effect; hollow bars: on fitted data."""
+    """Rms error of each experiment on held-out data before and after each effect; hollow bars: on fitted data."""
     k, unit = display_unit(gap.unit)
     rows, count = gap_rows(segment, gap), len(gap.held_out)
     names = min(max(text_width(name, TEXT) for name, _, _ in rows) + 8, 112)
@@ -52,7 +52,7 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
     label = f"noise {digits(k * gap.noise_floor)}"
     parts.append(charts.text(max(x, text_width(label, TEXT) / 2), top - 9, label, "middle", "floor"))
     parts.sort(key=lambda one: one.startswith("<text"))  # numbers above the line of the noise
-    words = f"rms error of {gap.output} on validation data, {' then '.join(column_titles(segment))}"
+    words = f"rms error of {gap.output} on held-out data, {' then '.join(column_titles(segment))}"
     return charts.chart(parts, bottom + 34, words)
 
 

@@ -109,7 +109,7 @@ def _gap(segment: Segment, gap: Gap, colours: Sequence[tuple[str, str]]) -> Mark
     k, unit = display_unit(gap.unit)
     path = [f"{name} {digits(k * v)} {unit}".rstrip() for v, name in zip(gap.held_out, _models(segment), strict=True)]
     floor = f"Noise floor {digits(k * gap.noise_floor)} {unit}".rstrip() + f" ({floor_text(gap)})"
-    caption = f"Rms error of {gap.output} on validation data: {', '.join(path)}. {floor}."
+    caption = f"Rms error of {gap.output} on held-out data: {', '.join(path)}. {floor}."
     return part("figure", figures.gap_bars(segment, gap), caption, [*colours, *figures.OF_BARS])
 
 

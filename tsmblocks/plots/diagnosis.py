@@ -50,7 +50,7 @@ def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None, *, width: float | None 
 
 @styled
 def plot_gap(diagnosis: Diagnosis, ax: Any = None, *, width: float | None = None) -> Any:
-    """Rms error of each experiment on validation data, before and after; hollow bars: on fitted data; line: noise.
+    """Rms error of each experiment on held-out data, before and after; hollow bars: on fitted data; line: noise.
 
     Of the segment that the verdict is about.
     """
@@ -116,7 +116,7 @@ def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
     panel.tick_params(axis="y", length=0)
     panel.grid(axis="y", visible=False)
     panel.locator_params(axis="x", nbins=5)
-    dress(panel, heading(f"rms of {gap.output} on validation data", unit))
+    dress(panel, heading(f"rms of {gap.output} on held-out data", unit))
 
 
 def _looks(segment: Segment) -> tuple[tuple[str, str], tuple[str, str]]:
