@@ -107,7 +107,10 @@ LIMITS = (
         "rad",
     ),
     DetectionLimit("drift", "rate", 1e-5, "", "a long session on one clock"),
-    DetectionLimit("coulomb_friction", "friction.level", None, "", "reversals of the motion"),
+    DetectionLimit("coulomb_friction", "friction.level", None, "", "reversals of the motion", cause="not excited"),
+    DetectionLimit(
+        "offset", "bias", None, "", "anything", cause="absorbed", absorbed_by={"offset.bias": "1 deg per deg"}
+    ),
 )
 NAMED = Segment(
     "x_in -> x_out",

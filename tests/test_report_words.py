@@ -219,6 +219,7 @@ def test_detection_limits_in_the_file_are_those_of_the_text_and_have_their_units
         "backlash": {"name": "gap width", "value": 0.04, "unit": "deg"},
         "drift": {"name": "rate", "value": 1e-05, "unit": ""},
         "coulomb_friction": None,
+        "offset": None,
     }
     (limits,) = [s["detection_limits"] for s in kept["segments"]]
     assert limits["backlash"]["unit"] == "rad"

@@ -8,7 +8,7 @@ from tsmblocks.common.errors import RunError
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import FittedCandidate, Shrinkage, fitted_candidate
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, optimized
-from tsmblocks.diagnosis.screening import ScreeningScore
+from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.fitting.step_size import halved
 
 MOST_HALVINGS = 2

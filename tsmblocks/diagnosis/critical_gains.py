@@ -8,7 +8,7 @@ import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.decision import SIGNIFICANCE_LEVEL
-from tsmblocks.diagnosis.screening import ScreeningScore
+from tsmblocks.diagnosis.screening_score import ScreeningScore
 
 SMALLEST_GAIN = 1e-9
 """Gain in noise, as a share of the sum of squares, that a candidate has at least. Chosen: rounding."""

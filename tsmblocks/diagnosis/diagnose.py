@@ -22,10 +22,16 @@ from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
 from tsmblocks.diagnosis.cross_validation import time_blocks
-from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
+from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.exchangeable import exchange_notes
-from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, accepted_count, forward_search
+from tsmblocks.diagnosis.forward_selection import (
+    SearchContext,
+    SearchRound,
+    accepted_count,
+    exchange_effects,
+    forward_search,
+)
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
 from tsmblocks.diagnosis.noise_floor import (
@@ -48,12 +54,13 @@ from tsmblocks.diagnosis.partition import (
     within_windows,
 )
 from tsmblocks.diagnosis.plain_states import with_plain_states
+from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagnosis.selection import selected
 from tsmblocks.diagnosis.signs import with_signs
 from tsmblocks.diagnosis.stand_in import stands_in
 from tsmblocks.diagnosis.time_and_distance import only_frequency
+from tsmblocks.diagnosis.undetermined import without_undetermined
 from tsmblocks.diagnosis.varying_factor import varying_factor
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.fitting.recordings import Data
@@ -234,8 +241,7 @@ def _diagnosed(
         blocks, line = time_blocks(base.problem), only_frequency(records, tuple(part.diagram.inputs))
         search = SearchContext(records, settings, request.effects, blocks, noise, progress, line, removed)
         forward_search(base, {}, search, rounds)
-        selection = selected(rounds, search)
-        rounds, recurring, omitted = selection.rounds, selection.notes, selection.omitted
+        rounds, recurring, omitted = _revised(rounds, search)
         count = accepted_count(rounds, search)
         final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     except KeyboardInterrupt:
@@ -253,6 +259,13 @@ def _diagnosed(
     notes += [f"{part.name}: {text}" for text in [*recurring, *more_notes, *found_in_final]]
     final = final if interrupted else with_plain_states(final)
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted), interrupted
+
+
+def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[SearchRound], list[str], list[Omission]]:
+    """The rounds with effects that hold beside all the others, notes on them, and the effects that were left out."""
+    rounds, undetermined = without_undetermined(exchange_effects(rounds, search), search)
+    rounds, notes, recurring = without_recurring_events(rounds, search)
+    return rounds, notes, [*undetermined, *recurring]
 
 
 def _notes_on(final: Model, diagram: Diagram, noise_variance: float) -> list[str]:

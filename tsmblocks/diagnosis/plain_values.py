@@ -102,6 +102,9 @@ def _segment(s: Segment) -> dict[str, Any]:
         "gaps": [_gap(g) for g in s.gaps],
         "where": s.where,
         "detection_limits": {m.name: None if m.value is None else _limit(m) for m in s.limits},
+        "not_detectable": {
+            m.name: {"cause": m.cause, "absorbed_by": m.absorbed_by} for m in s.limits if m.value is None
+        },
     }
 
 

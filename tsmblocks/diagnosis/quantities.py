@@ -114,18 +114,21 @@ def detectable_size(
     """The size, with its name and unit, that an effect has at the detection limit of a parameter.
 
     It is the first that is in proportion to this parameter whatever the others are, at all shapes of the trials; else
-    the first that is so for the ``shape`` that has this limit. Empty where there is none.
+    the first that is so for the ``shape`` that has this limit; else, where the size is part of the shape, the first of
+    this shape. Empty where there is none.
     """
     units, null, shapes = _units(candidate), dict(candidate.effect.null), candidate.trials.shapes
-    negative = any(shape.get(parameter, 0.0) < 0 for shape in shapes)  # a lower limit; a strength has no sign
-    values = (-limit, -2 * limit) if negative else (limit, 2 * limit)
+    lowest = min((one.get(parameter, 0.0) for one in shapes), default=0.0)
+    negative = shape.get(parameter, lowest) < 0  # a lower limit; a strength has no sign
+    values = (-abs(limit), -2 * abs(limit)) if negative else (limit, 2 * limit)
     for some in (shapes, [dict(shape)]):
         at = [[_sizes_with(candidate, {**null, **one, parameter: value}, units) for one in some] for value in values]
         for name, (value, unit) in at[0][0].items():
             ratios = [one.get(name, (np.nan, ""))[0] / value for row in at for one in row] if value else []
             if ratios and np.allclose(ratios, [1.0] * len(some) + [2.0] * len(some)):
                 return name, value if negative else abs(value), unit
-    return "", 0.0, ""
+    whole = {} if candidate.trials.strengths else _sizes_with(candidate, {**null, **shape}, units)
+    return next(((name, value, unit) for name, (value, unit) in whole.items() if value), ("", 0.0, ""))
 
 
 def _sizes(

@@ -126,10 +126,11 @@ class ResidualCoordinate:
 
 @attrs.frozen
 class DetectionLimit:
-    """The smallest detectable size of an effect in these experiments; None where they do not excite it.
+    """The smallest detectable size of an effect in these experiments; None where no size is.
 
     ``value`` is that of ``parameter``; ``size`` [``size_unit``] the same as the measurable quantity ``size_name``,
-    where the effect defines one that is proportional to it.
+    where the effect defines one that is proportional to it. ``cause`` says why there is no limit, ``absorbed_by`` which
+    parameters of the model have the same effect, and by how much where it is one.
     """
 
     name: str
@@ -140,6 +141,8 @@ class DetectionLimit:
     size_name: str = ""
     size: float = 0.0
     size_unit: str = ""
+    cause: str = ""
+    absorbed_by: Mapping[str, str] = attrs.field(factory=dict)
 
 
 @attrs.frozen

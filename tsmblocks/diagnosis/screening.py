@@ -12,13 +12,12 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate, WireSignals
-from tsmblocks.diagnosis.decision import MAX_FINITE_NULL
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.diagnosis.own_instants import Products, for_each, joined, moved, noise_gains, regular
+from tsmblocks.diagnosis.screening_score import MAX_SIZE_FACTOR, ScreeningScore, ShapeSensitivity
 from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.residuals import Problem
-from tsmblocks.fitting.setup import Setup
 
 SQUARED_EFFECT_TOLERANCE = 1e-12
 """Squared effect of a direction of the base's parameters, as a share of the largest, below which it is not
@@ -35,56 +34,14 @@ MAX_SQUARED_CORRELATION = 0.8
 """Squared correlation of two output changes below which two shapes are different starting points. Chosen."""
 DIVERGENCE_THRESHOLD = 1e30
 """Change of an output [rms noise] from which a simulation has diverged. Chosen: far from both data and overflow."""
-MAX_SIZE_FACTOR = 40.0
-"""Largest size of an effect at the start of its fit [trial sizes]. Chosen: beyond it a linear prediction fails."""
 MIN_SENSITIVITY = 1e-4
 """Share of the change by an effect that the base cannot follow, below which the effect is not detectable at any size.
 Chosen: the remainder is the error of a linear step."""
+DOMINATING = 0.2
+"""Effect of a parameter of the base on the outputs, as a share of the largest, from which it absorbs an effect.
+Chosen."""
 MAX_EXTRAPOLATION = 4.0
 """The same for effects whose size is part of the shape. Chosen: the distance of neighbouring shapes."""
-
-
-@attrs.frozen(eq=False)
-class ScreeningScore:
-    """The screening of a candidate: ``gain`` is the predicted fall of the sum of squares [noise variances].
-
-    ``starts`` are the starting points of its fit, best first. ``noise_gains`` (D,) are the gains in surrogates of the
-    residual, which hold noise alone. ``shape_sizes`` holds for each shape the shape, the change of the sum of squares
-    at its trial size, and whether that size exceeds the range of an output.
-    """
-
-    candidate: Candidate
-    problem: Problem
-    setup: Setup
-    gain: float
-    starts: tuple[np.ndarray, ...]
-    noise_gains: np.ndarray
-    shape_sizes: tuple[tuple[Mapping[str, float], float, bool], ...] = ()
-
-    def detection_limit(self, detectable: float) -> float | None:
-        """The smallest detectable size of the first parameter, that changes the sum of squares by ``detectable``.
-
-        For the shape that excites the effect best; None where these data do not excite it.
-        """
-        limit, _ = self.limit_and_shape(detectable)
-        return limit
-
-    def limit_and_shape(self, detectable: float) -> tuple[float | None, Mapping[str, float]]:
-        """The detection limit, and the shape for which it holds."""
-        trials = self.candidate.trials
-        strengths, first = trials.strengths, self.candidate.effect.free[0]
-        null = self.candidate.effect.null.get(first, np.inf)
-        sizes: list[tuple[float, Mapping[str, float]]] = []
-        for shape, sensitivity, exceeds_range in self.shape_sizes:
-            factor = float(np.sqrt(detectable / sensitivity)) if sensitivity > 0 else np.inf
-            if exceeds_range:  # smaller sizes are not in proportion to it
-                factor = max(factor, 1.0)
-            if strengths and factor < MAX_SIZE_FACTOR:
-                sizes.append((abs(next(iter(strengths.values()))) * factor, shape))
-            elif not strengths and factor <= 1:  # towards the null; an infinite one has no proportion
-                one = null + (shape[first] - null) * factor if abs(null) < MAX_FINITE_NULL else shape[first]
-                sizes.append((abs(one), shape))
-        return min(sizes, key=lambda one: one[0], default=(None, {}))
 
 
 @attrs.frozen(eq=False)
@@ -94,7 +51,8 @@ class _ShapeTrial:
     ``output_change`` (N,) is the change of the outputs, ``sensitivity`` its sum of squares at the trial size with base
     parameters projected out, zero where these absorb it. ``exceeds_range`` is True where the trial size moves an output
     beyond its recorded range, as a loop does that diverges. ``theta_base_fixed`` are the unknowns with the base
-    parameters unchanged; ``noise_gains`` (D,) the gains in surrogates of the residual, where these were given.
+    parameters unchanged, ``absorbed_by`` the moves of those that absorb it; ``noise_gains`` (D,) the gains in
+    surrogates of the residual, where these were given.
     """
 
     gain: float
@@ -104,6 +62,7 @@ class _ShapeTrial:
     sensitivity: float
     exceeds_range: bool
     theta_base_fixed: np.ndarray
+    absorbed_by: Mapping[str, float] = attrs.field(factory=dict)
     noise_gains: np.ndarray = attrs.field(factory=lambda: np.zeros(0))
 
 
@@ -128,7 +87,7 @@ def screening_score(
     screening = _Screening(candidate, problem, model, base, _starting_values(problem, model, candidate, wires))
     coarse, fine = screening.of_each_experiment(noise) if screening.owns_shapes else screening.of_all(noise)
     gains = np.max([one.noise_gains for one in coarse], axis=0)
-    sizes = tuple((one.shape, one.sensitivity, one.exceeds_range) for one in coarse)
+    shapes = tuple(ShapeSensitivity(one.shape, one.sensitivity, one.exceeds_range, one.absorbed_by) for one in coarse)
     shape_trials = sorted(fine, key=lambda one: -one.gain)
     best = shape_trials[0]
     if trials.refine:
@@ -136,7 +95,7 @@ def screening_score(
     else:
         distinct = (one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
         starts = [_better_start(problem, one) for one in [best, *distinct][:2]]
-    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), gains, sizes)
+    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), gains, shapes)
 
 
 def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
@@ -325,8 +284,11 @@ class _Screening:
         first = len(self.problem.unknowns.experiments) if self._first_is_local else 1
         exceeds_range = bool(np.abs(z[:, :first]).max(initial=0.0) > self.output_range)
         sensitivity, whole = float(m[:first, :first].sum()), float(np.square(z[:, :first].sum(axis=1)).sum())
-        sensitivity = sensitivity if sensitivity > MIN_SENSITIVITY * whole else 0.0
-        return _ShapeTrial(gain, theta, shape, z @ size, sensitivity, exceeds_range, base_fixed)
+        absorbed = {}
+        if sensitivity <= MIN_SENSITIVITY * whole:
+            components, names = inside[:, :first].sum(axis=1), self.model.problem.unknowns.names
+            sensitivity, absorbed = 0.0, absorbing(self.base, components, names) if whole else {}
+        return _ShapeTrial(gain, theta, shape, z @ size, sensitivity, exceeds_range, base_fixed, absorbed)
 
     @property
     def _first_is_local(self) -> bool:
@@ -346,6 +308,16 @@ class _Screening:
             k = unknowns.names.index(f"{self.candidate.block}.{name}")
             size[j] = np.clip(size[j] * unit, unknowns.low[k], unknowns.high[k]) / unit
         return size
+
+
+def absorbing(base: ColumnSpace, components: np.ndarray, names: Sequence[str]) -> dict[str, float]:
+    """The moves of the base's parameters that make a change of the outputs with these components (q,) in its space.
+
+    Those with the dominating part of it, the largest first.
+    """
+    moves = base.turn @ components
+    effects = np.abs(moves) * base.scale
+    return {names[k]: float(moves[k]) for k in np.argsort(-effects) if effects[k] >= DOMINATING * effects.max()}
 
 
 def _better_start(problem: Problem, one: _ShapeTrial) -> np.ndarray:

@@ -8,26 +8,23 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.critical_gains import critical_gains
 from tsmblocks.diagnosis.cross_validation import held_out_residuals
-from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, mean_loss, ridge_weights, shrinkage_of
+from tsmblocks.diagnosis.decision import mean_loss, ridge_weights, shrinkage_of
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.discrimination import separating_experiment
-from tsmblocks.diagnosis.forward_selection import MIN_EXCESS_SHARE
+from tsmblocks.diagnosis.limits import detection_limits
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram, rows_of_experiments
-from tsmblocks.diagnosis.quantities import Estimate, detectable_size
+from tsmblocks.diagnosis.quantities import Estimate
 from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.rejection import alternatives_to, why_named
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
-from tsmblocks.diagnosis.result import DetectionLimit, Gap, NamedEffect, Segment, Trace
+from tsmblocks.diagnosis.result import Gap, NamedEffect, Segment, Trace
 from tsmblocks.diagnosis.settings import FloorParts
 from tsmblocks.diagnosis.time_and_distance import second_frequency
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
-from tsmblocks.effects import Effect
 from tsmblocks.fitting.experiments import Experiment
-from tsmblocks.fitting.inner_products import square
 from tsmblocks.model.diagram import Diagram
 
 NOISE_OF_INPUTS = ", and noise of the inputs"
@@ -60,7 +57,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs))),
         residual_coordinates(base.r, known, blocks, excess_variance, drive) if tied else (),
         ranking(diagnosed),
-        _limits(diagnosed),
+        detection_limits(diagnosed),
         _traces(diagnosed),
         ceiling,
         "",
@@ -187,33 +184,6 @@ def _floor_parts(diagnosed: DiagnosedPart, name: str) -> FloorParts | None:
     sigma = floors.sigma[name]
     from_inputs = sigma * float(np.sqrt(share)) if share > INPUT_NOISE_THRESHOLD else 0.0
     return FloorParts(sigma, floors.low[name], floors.high[name], from_inputs, floors.recordings.get(name, {}))
-
-
-def _limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
-    """For each effect the smallest size detectable in these experiments, given the residual of the last model."""
-    found: dict[str, DetectionLimit] = {}
-    last = diagnosed.rounds[diagnosed.count]
-    screened = last if last.screening_scores else diagnosed.rounds[0]
-    scores, noise = screened.screening_scores, diagnosed.noise_variance
-    by_noise = critical_gains(scores, square(last.base.r), screened.multiplicity)
-    excess = max(diagnosed.losses[-1] - noise, 0.0)  # an effect has to remove its share of this as well
-    material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
-    for p in scores:
-        detectable = max(material * len(last.base.r), by_noise[p])
-        effect, (limit, shape) = p.candidate.effect, p.limit_and_shape(detectable)
-        parameter = next(iter(p.candidate.trials.strengths), effect.free[0])
-        unit = next((i.unit for i in p.problem.unknowns.items if i.parameter == f"{p.candidate.block}.{parameter}"), "")
-        old = found.get(effect.name)
-        if old is None or (old.value is None and limit is not None):
-            size = ("", 0.0, "") if limit is None else detectable_size(p.candidate, parameter, limit, shape)
-            found[effect.name] = DetectionLimit(effect.name, parameter, limit, unit, effect.excites, *size)
-    for one in diagnosed.search.effects:
-        found.setdefault(one.name, DetectionLimit(one.name, one.free[0], None, "", one.excites))
-    order: dict[str, int] = {}
-    for k, one in enumerate(diagnosed.search.effects):
-        if isinstance(one, Effect) or one.name not in order:
-            order[one.name] = k
-    return tuple(sorted(found.values(), key=lambda m: order[m.name]))
 
 
 def _coordinates(model: Model, part: Part) -> dict[str, np.ndarray]:

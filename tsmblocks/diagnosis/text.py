@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from tsmblocks.common.tables import WIDTH, columns, line_width, listed, table_width
 from tsmblocks.common.views import no_view
 from tsmblocks.data.noise_floor import CONTENT
+from tsmblocks.diagnosis.limits import CAUSES
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.plain_values import limit_quantity
@@ -275,11 +276,17 @@ def _indistinguishable(segment: Segment) -> list[str]:
 
 
 def limit_text(one: DetectionLimit) -> str:
-    """The smallest detectable size, with its name; empty where the effect is not excited."""
+    """The smallest detectable size, with its name, or why there is none."""
     if one.value is None:
-        return ""
+        by = absorbed_text(one)
+        return f"absorbed by {by}" if by else CAUSES.get(one.cause, "")
     name, size, unit = limit_quantity(one)
     return f"{name} {in_display_units(size, unit)}"
+
+
+def absorbed_text(one: DetectionLimit) -> str:
+    """The parameters that absorb an effect, and by how much: ``preload.value, 40 N per mm``; empty without any."""
+    return listed([f"{k}, {rate}" if rate else k for k, rate in one.absorbed_by.items()]) if one.absorbed_by else ""
 
 
 def _limits(segment: Segment, several: bool) -> str:
@@ -293,12 +300,15 @@ def _limits(segment: Segment, several: bool) -> str:
         beside = ", beside the effects named" if named else ""
         parts.append(f"smallest detectable sizes{where}{beside}:\n{columns(rows, '  ', left=(0, 1))}")
     if undetectable:
-        text = (
-            f"not detectable at any size{where} (not excited by these experiments, without an insertion point, or "
-            f"absorbed by parameters of the model): {', '.join(m.name for m in undetectable)}."
-        )
-        parts.append(_filled(text))
+        own = {cause: [m for m in undetectable if m.cause == cause] for cause in CAUSES}
+        lines = [f"{CAUSES[cause]}: {', '.join(map(_without_limit, some))}" for cause, some in own.items() if some]
+        parts += _bullets(f"not detectable at any size{where}", lines)
     return "\n\n".join(parts)
+
+
+def _without_limit(one: DetectionLimit) -> str:
+    by = absorbed_text(one)
+    return f"{one.name} (acts as {by})" if by else one.name
 
 
 def _consequence(diagnosis: Diagnosis) -> list[str]:
