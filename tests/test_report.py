@@ -551,11 +551,7 @@ def test_what_was_added_is_highlighted_in_the_second_diagram():
 def test_effects_that_are_not_excited_are_grey():
     row, absorbed = re.findall(r'<tr class="blind">(.*?)</tr>', page(diagnosis()))
     assert "coulomb_friction" in row
-<<<<<<< HEAD
-    assert "not detectable" in row
-=======
     assert "not excited by these experiments" in row
->>>>>>> bugs
     assert "reversals of the motion" in row
     assert "absorbed by offset.bias, 1 deg per deg" in absorbed
 
