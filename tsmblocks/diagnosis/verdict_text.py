@@ -321,5 +321,5 @@ def in_table(share: float) -> str:
 
 
 def nothing_to_remove(rows: Iterable[RankedCandidate]) -> str:
-    """What is said of fitted candidates of a round none of whose shares has a meaning; empty for others."""
+    """The remark on fitted candidates of a round none of whose shares has a meaning; empty for others."""
     return "" if any(np.isfinite(one.share) for one in rows) else NOTHING_TO_REMOVE
