@@ -107,6 +107,8 @@ def test_a_share_is_at_most_one_and_has_no_value_where_it_has_no_meaning():
     assert share_above_noise(1.7, 2.0, diagnosed()) == 1.0
     assert share_above_noise(-0.5, 2.0, diagnosed()) == -0.5
     assert np.isnan(share_above_noise(0.7, 1.0, diagnosed()))
+    assert np.isnan(share_above_noise(0.03, 1.04, diagnosed()))  # less above the noise than any effect removes
+    assert share_above_noise(0.03, 1.1, diagnosed()) == pytest.approx(0.3)
 
 
 def test_every_fitted_candidate_of_a_diagnosis_is_named_or_has_a_reason():

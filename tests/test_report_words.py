@@ -114,6 +114,22 @@ def test_the_page_has_for_every_candidate_its_reason_and_what_it_is():
     assert cells[1][7] == "a backlash gap"
 
 
+def test_where_nothing_is_above_the_noise_a_table_has_no_shares_of_it():
+    line = "The error is within the noise: there is nothing above the noise floor to remove."
+    within = attrs.evolve(NONE, ranking=tuple(attrs.evolve(r, share=np.nan, new=np.nan, named=False) for r in ROWS))
+    with as_wide_as(100):
+        text = str(of(within))
+    assert re.search(r"\n~ backlash  +offset.y -> x_out +- +9.5", text)
+    assert text.count(line) == 1
+    shown = page(of(within))
+    assert shown.count(line) == 1
+    table = shown[shown.index("named, or why not") :].split("</table>")[0]
+    assert "%" not in table
+    some = attrs.evolve(within, ranking=(ROWS[-1], *within.ranking[:-1]))
+    assert line not in str(of(some))
+    assert line not in page(of(some))
+
+
 def test_of_many_parameters_the_page_lists_some():
     values = {f"time@rec{k}": float(k) for k in range(9)}
     one = ranked("jump", 0.3, parameters=values, why_not="not significant")

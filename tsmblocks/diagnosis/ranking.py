@@ -136,8 +136,10 @@ def _row(
 def share_above_noise(gain: float, loss: float, diagnosed: DiagnosedPart) -> float:
     """A gain over the loss above the noise, at most 1: noise that is overestimated leaves less to remove.
 
-    NaN where so little of the loss is above the noise that a share of it has no meaning.
+    NaN where so little of the loss is above the noise that a share of it has no meaning: less than an effect removes.
     """
     noise = diagnosed.noise_variance
-    share = gain / max(loss - noise, MIN_VARIANCE_REDUCTION * noise)
-    return float("nan") if share > MAX_MEANINGFUL_SHARE else min(share, 1.0)
+    least = MIN_VARIANCE_REDUCTION * noise
+    share = gain / max(loss - noise, least)
+    meaningful = max(loss - noise, gain) >= least and share <= MAX_MEANINGFUL_SHARE
+    return min(share, 1.0) if meaningful else float("nan")

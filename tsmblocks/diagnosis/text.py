@@ -32,7 +32,9 @@ from tsmblocks.diagnosis.variants import explained
 from tsmblocks.diagnosis.verdict_text import (
     alternatives,
     candidate_title,
+    in_table,
     next_steps,
+    nothing_to_remove,
     percent,
     segments_by_verdict,
     verdict_sentence,
@@ -152,7 +154,8 @@ def _ranking(segment: Segment) -> list[str]:
         rest = len(here) - len(shown)
         more = f"\nOther candidates, screened out or with a smaller reduction: {rest}." if rest else ""
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
-        legend = "".join(f"\n{_filled(text)}" for text in filter(None, [explained(shown, variants)]))
+        remarks = filter(None, [nothing_to_remove(fitted), explained(shown, variants)])
+        legend = "".join(f"\n{_filled(text)}" for text in remarks)
         parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{legend}{more}")
     if not parts:
         return []
@@ -183,8 +186,8 @@ def _candidate_table(segment: Segment, shown: Sequence[RankedCandidate]) -> str:
         [
             f"{'*' if r.named else '~' if r.in_set else ' '} {candidate_title(r)}",
             wire,
-            percent(r.share),
-            *[percent(share_across_experiments(r, several))][: several - 1],
+            in_table(r.share),
+            *[in_table(share_across_experiments(r, several))][: several - 1],
             f"{r.t:.1f}",
             *[r.why_not] * wide,
         ]

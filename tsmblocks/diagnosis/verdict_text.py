@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from tsmblocks.common.tables import listed
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
 from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, floor_text, main_sizes, output_traces
 from tsmblocks.diagnosis.rejection import LEAVES_MORE
@@ -14,8 +15,6 @@ from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandid
 from tsmblocks.effects import catalogue
 from tsmblocks.fitting.input_checks import runs_ahead
 
-WEAK_EXCESS = 0.05
-"""Excess [noise variances] that is reported even where no effect is named. Chosen: as for naming one."""
 REMAINING_ERROR_RATIO = 1.1
 """Held-out rms over the noise floor from which a remaining error is reported. Chosen."""
 MIN_OTHERS, ODD_RATIO = 2, 1.5
@@ -24,6 +23,7 @@ of one sensor varies by less."""
 NEARLY_ALL = 0.98
 """Share of the reduction by an effect that was named from which one that leaves more error explains nearly as much.
 Chosen: no block has quite the form of a real mechanism."""
+NOTHING_TO_REMOVE = "The error is within the noise: there is nothing above the noise floor to remove."
 COMPARE_STRUCTURES = "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare."
 ALL_SHARE = 0.995
 """Share from which it is printed as 100 %."""
@@ -47,7 +47,7 @@ def verdict_sentence(segment: Segment) -> str:
         )
     weak = (
         " There is a small error above the noise floor, too small to name an effect with these data."
-        if segment.excess > WEAK_EXCESS
+        if segment.excess > MIN_VARIANCE_REDUCTION
         else ""
     )
     slow = _slow_noise(segment)
@@ -328,3 +328,13 @@ def percent(share: float) -> str:
     if not np.isfinite(share):
         return ""
     return "< 0 %" if share < -0.005 else f"{100 * min(max(share, 0.0), 1.0):z.0f} %"
+
+
+def in_table(share: float) -> str:
+    """A share in percent in a table, where a dash means that it has no meaning."""
+    return percent(share) or "-"
+
+
+def nothing_to_remove(rows: Iterable[RankedCandidate]) -> str:
+    """The remark on fitted candidates of a round none of whose shares has a meaning; empty for others."""
+    return "" if any(np.isfinite(one.share) for one in rows) else NOTHING_TO_REMOVE

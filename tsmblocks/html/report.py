@@ -41,7 +41,9 @@ from tsmblocks.diagnosis.text import (
 from tsmblocks.diagnosis.variants import explained
 from tsmblocks.diagnosis.verdict_text import (
     candidate_title,
+    in_table,
     next_steps,
+    nothing_to_remove,
     percent,
     segments_by_verdict,
     verdict_sentence,
@@ -192,7 +194,8 @@ def _rounds(segments: Sequence[Segment], experiments: int) -> Iterator[dict[str,
             "fitted": [_ranked(r, experiments) for r in fitted],
             "kinds": ["named" if r.named else "" for r in fitted],
             "variants": explained(fitted, known),
-            "rest": [(*_where(r), percent(r.share), r.words) for r in rows if not r.fitted],
+            "nothing": nothing_to_remove(fitted) if fitted else "",
+            "rest": [(*_where(r), in_table(r.share), r.words) for r in rows if not r.fitted],
         }
 
 
@@ -203,7 +206,7 @@ def _ranked(r: RankedCandidate, experiments: int) -> tuple[str, ...]:
         text = in_display_units(value, r.units.get(name, ""))
         values.append(Markup('<span class="whole">{} {}{}</span>').format(name, text, bound))
     outcome = "named" if r.named else r.why_not
-    shares = (percent(r.share), percent(share_across_experiments(r, experiments)))
+    shares = (in_table(r.share), in_table(share_across_experiments(r, experiments)))
     shown = values if len(values) <= MAX_PARAMETERS + 1 else values[:MAX_PARAMETERS]
     shown += [Markup("<small>and {} more</small>").format(len(values) - len(shown))] * (len(shown) < len(values))
     return (*_where(r), *shares, outcome, f"{r.t:.1f}", f"{r.line:.1f}", r.words, LINE_BREAK.join(shown))
