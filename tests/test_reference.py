@@ -1,6 +1,7 @@
 """The reference: every page is there, links lead somewhere, numbers are the blocks', and code shown was run."""
 
 import contextlib
+import html
 import io
 import itertools
 import json
@@ -19,6 +20,7 @@ import tsmblocks as tsm
 from tsmblocks.blocks import DeadTime, Delay, Gain, LeadLag, Play, Resonance, Sine, Sum
 from tsmblocks.cli import main
 from tsmblocks.cli.entry import COMMANDS
+from tsmblocks.common import units
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.data.noise_floor import CONTENT
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
@@ -31,6 +33,8 @@ from tsmblocks.html.mathml import mathml
 from tsmblocks.model.block import Block
 from tsmblocks.reference import blocks, examples, gallery, hand_written, navigation, python, search_words, uses
 from tsmblocks.reference.trace import listing
+from tsmblocks.studies.files import KEYS as STUDY_KEYS
+from tsmblocks.studies.files import PLANS as STUDY_PLANS
 
 PAGES = {
     path.relative_to(hand_written.FOLDER).with_suffix("").as_posix(): path
@@ -75,6 +79,14 @@ def test_code_of_a_page_prints_what_the_page_says(page):
     assert code
     assert hand_written.executed(text_of(page))[0] == [said for _, said in code]
     assert max(len(line) for piece, _ in code for line in piece.splitlines()) <= 100  # what a page shows
+
+
+def test_the_page_on_studies_names_all_that_a_file_may_have():
+    text = text_of("howto/study")
+    for key in STUDY_KEYS:
+        assert f"``{key}``" in text or f"``[{key}]``" in text
+    for kind in STUDY_PLANS:
+        assert f"``{kind}``" in text
 
 
 COMMANDS_SHOWN = sorted(
@@ -196,6 +208,12 @@ def test_no_two_variants_on_the_page_of_an_effect_have_one_heading(site):
         headings = re.findall(r"<h2>(.*?)<a ", path.read_text(encoding="utf-8"))
         assert headings
         assert len(set(headings)) == len(headings), path.name
+
+
+def test_every_unit_and_every_spelling_is_on_the_page_of_units(site):
+    text = (site / "concepts" / "units.html").read_text(encoding="utf-8")
+    known = {html.unescape(one) for one in re.findall(r'<span class="pre">([^<]*)</span>', text)}
+    assert {*units.NAMES, *(other for some in units.spellings().values() for other in some)} <= known
 
 
 def test_links_lead_somewhere_and_nothing_is_loaded_from_elsewhere(site):

@@ -112,6 +112,16 @@ _SPELLINGS = {
 _ALIAS = {other: label for label, others in _SPELLINGS.items() for other in others}
 
 
+def by_quantity() -> dict[str, dict[str, float]]:
+    """The units that have a name and their sizes, by the base unit of each quantity: ``{"m": {"m": 1.0, "km": …}}``."""
+    return {base_unit(next(iter(sizes))): dict(sizes) for _, sizes in _SIZES}
+
+
+def spellings() -> dict[str, tuple[str, ...]]:
+    """What else may be written for a unit, or for a product of units such as ``lbf*ft``."""
+    return {label: tuple(filter(None, others)) for label, others in _SPELLINGS.items()}
+
+
 class Unit(NamedTuple):
     """A parsed label: ``value_in_SI = factor * value``; ``dimension`` as sorted powers."""
 

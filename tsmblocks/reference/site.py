@@ -27,6 +27,7 @@ from tsmblocks.reference import (
     hand_written,
     names,
     python,
+    units,
 )
 
 SHEET = "tsmblocks.css"
@@ -112,7 +113,7 @@ def _write(source: Path, helps: Mapping[str, tuple[str, str]], progress: Callabl
     pictures.mkdir()
     makers: tuple[Callable[[], Mapping[str, str]], ...] = (
         front.pages, partial(hand_written.pages, pictures), partial(gallery.pages, pictures), blocks.pages, names.pages,
-        diagrams.pages, effects.pages, glossary.pages, python.pages, partial(python.commands, helps),
+        diagrams.pages, effects.pages, glossary.pages, units.pages, python.pages, partial(python.commands, helps),
     )  # fmt: skip
     settings = "\n".join(f"{key} = {value!r}" for key, value in SETTINGS.items())
     (source / "conf.py").write_text(settings + "\n", encoding="utf-8", newline="\n")
