@@ -731,6 +731,7 @@ def test_of_combinations_of_initial_states_a_few_are_listed_and_the_rest_is_coun
         correlation=np.eye(2),
         names=("gain", "a@r1"),
         notes=(),
+        estimates=(),
     )
     *shown, more = cautions(fit)
     assert shown == [f"a@r{k} and b@r{k} are indistinguishable." for k in range(2)] + [
@@ -753,6 +754,7 @@ def test_initial_states_of_many_experiments_that_are_hardly_determined_are_one_r
         correlation=np.eye(61),
         names=names,
         notes=(),
+        estimates=(),
     )
     first, second = cautions(fit)
     assert first == "gain is hardly determined."

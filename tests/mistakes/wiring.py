@@ -565,7 +565,7 @@ def an_input_with_another_unit():
     DiagramError,
     """
 diagram 'angles' (HERE) has 1 problem:
-  1. input 'x': 'cubit' is not a unit known here. Known here: %, 1, A, GPa, H, Hz, J, K, … (67 in all).
+  1. input 'x': 'cubit' is not a unit known here. Known here: %, 1, A, GPa, H, Hz, J, K, … (68 in all).
 """,
 )
 def an_input_with_an_unknown_unit():

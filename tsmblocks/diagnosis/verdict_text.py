@@ -79,7 +79,9 @@ def _nearly_as_good(segment: Segment) -> str:
     found: list[str] = []
     for named in (one for one in segment.ranking if one.named):
         others = (one for one in segment.ranking if one.round == named.round and one.why_not == LEAVES_MORE)
-        found += [one.name for one in others if one.name != named.name and one.gain >= NEARLY_ALL * named.gain]
+        count = len(named.parameters) + 1  # what has more, such as many plays, comes near to anything
+        others = (one for one in others if one.name != named.name and len(one.parameters) <= count)
+        found += [one.name for one in others if one.gain >= NEARLY_ALL * named.gain]
     known = {name for effect in segment.effects for name in (effect.name, *effect.also_possible)}
     names = [name for name in dict.fromkeys(found) if name not in known]
     return f" Nearly as good: {listed(names, 4)}." if names else ""

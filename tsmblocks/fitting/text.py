@@ -106,7 +106,7 @@ def flipped_gains(before: Mapping[str, float], after: Mapping[str, float]) -> li
 
 def estimate_cautions(fit: Fit) -> list[str]:
     """Cautions on the estimates, a sentence each."""
-    said = flipped_gains({e.name: e.start for e in fit}, {e.name: e.value for e in fit})
+    said = flipped_gains({e.name: e.start for e in fit.estimates}, {e.name: e.value for e in fit.estimates})
     if fit.agreeing == 1 and len(fit.searches) > 1:
         said.append(f"Only one of {len(fit.searches)} starts ended at this optimum: more starts may find a better one.")
     silent = [name for u in fit.undetermined if u.kind == NO_INFLUENCE for name in u.names]
