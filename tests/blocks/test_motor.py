@@ -89,9 +89,14 @@ def test_an_implicit_method_steps_a_bare_motor_at_a_millisecond():
         tsm.simulate(motor, inputs={"u": 12.0}, stop=0.01, step=1e-3)
 
 
-def test_a_file_that_gives_no_parameter_means_the_motor_of_python():
+def test_a_file_without_an_inductance_means_that_of_winding_and_choke():
     text = 'format = 1\nwires = []\n[blocks]\nm = { type = "DCMotor" }\n[inputs]\nu = "m.u"\n'
-    assert tsm.loads(text).blocks["m"] == DCMotor()
+    old = tsm.loads(text)
+    assert old.parameters["m.L"] == 0.005
+    assert 'm = { type = "DCMotor" }' in tsm.dumps(old)
+    bare = old.replace("m", DCMotor())
+    assert "L = 0.00055" in tsm.dumps(bare)
+    assert tsm.loads(tsm.dumps(bare)) == bare
 
 
 def test_dc_motor_stays_put_below_its_friction():

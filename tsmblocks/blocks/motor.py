@@ -59,14 +59,16 @@ class DCMotor(Block):
 
     The winding's time constant L/R of some 0.1 ms is far below a usual step. At 1 ms use an implicit method
     (``method="sdirk2"``); an explicit one needs a step below 0.1 ms, or a choke in the line: with L = 5 mH rk4 is
-    stable at 1 ms.
+    stable at 1 ms. A file without L means this value, an earlier default.
     """
 
     source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems, section 2.3"
     symbol = "DC motor"
 
     R: float = parameter(default=5.8, about="resistance of the winding", unit="ohm", above=0.0)
-    L: float = parameter(default=0.00055, about="inductance of the winding, and of a choke", unit="H", above=0.0)
+    L: float = parameter(
+        default=0.00055, about="inductance of the winding, and of a choke", unit="H", above=0.0, omitted=0.005
+    )
     kt: float = parameter(default=0.035, about="torque per current, and back-EMF per speed", unit="N*m/A", above=0.0)
     J: float = parameter(default=1.1e-6, about="inertia at the rotor, load included", unit="kg*m^2", above=0.0)
     b: float = parameter(default=2e-7, about="viscous friction at the rotor", unit="N*m*s/rad", at_least=0.0)

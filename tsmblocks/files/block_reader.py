@@ -102,7 +102,8 @@ def _holds_table(value: Any) -> bool:
 def _built(page: DiagramPage, cls: type[Block], values: dict[str, Any], path: KeyPath) -> Block | None:
     """The block, or None if its values are inconsistent."""
     try:
-        meant = {k: field.default for k, field in cls.fields().items() if field.opposite}
+        fixed = {k: f for k, f in cls.fields().items() if f.omitted is not None or f.opposite}
+        meant = {k: field.default_in_files for k, field in fixed.items()}
         block = cls(**{**meant, **values})
         _ = block.inports, block.outports, block.states  # these may depend on options that check() does not read
     except TsmError as error:

@@ -97,7 +97,7 @@ def _kind(cls: type[Block]) -> dict[str, Any]:
 def _words(field: Field) -> str:
     """The description of a field."""
     unit = f" [{field.unit}]" if field.unit and "?" not in field.unit else ""
-    return f"{field.about}{unit}; default {field.default}"
+    return f"{field.about}{unit}; default {field.default_in_files}"
 
 
 def _value(field: Field, default: Any) -> dict[str, Any]:

@@ -89,7 +89,7 @@ class _Writer:
         pairs = [("type", toml(kind.__name__))]
         for key, field in kind.fields().items():
             given = getattr(block, key)
-            if repr(given) != repr(field.default):  # unlike ==, this distinguishes -0.0 from 0.0
+            if repr(given) != repr(field.default_in_files):  # unlike ==, this distinguishes -0.0 from 0.0
                 pairs.append((key, self.value(given, f"{said}.{key}")))
         return pairs
 

@@ -160,6 +160,7 @@ class Field:
     known: bool = False
     initial: bool = False
     flat: bool = False
+    omitted: Any = None
     opposite: str = ""
     acts_at: str = ""
 
@@ -172,6 +173,11 @@ class Field:
     def high(self) -> float:
         """Upper bound, whether or not it is included."""
         return min(self.below, self.at_most)
+
+    @property
+    def default_in_files(self) -> Any:
+        """The value that applies where a file does not give it."""
+        return self.default if self.omitted is None else self.omitted
 
     def allows(self, value: float) -> bool:
         """Whether one number lies within the bounds (NaN never does)."""
@@ -204,6 +210,7 @@ def parameter(
     finite: bool = True,
     known: bool = False,
     initial: bool = False,
+    omitted: float | None = None,
     opposite: str = "",
     acts_at: str = "",
 ) -> Any:
@@ -229,6 +236,8 @@ def parameter(
     initial : bool, default False
         Whether it is a list of initial values, one for each state, or an empty one for zeros: a property of a
         recording, not of a machine.
+    omitted : float, optional
+        Value that applies where a file does not give it, if the default was different when such files were written.
     opposite : str, default ""
         Another parameter; where only that one is given, this one has the same magnitude and the opposite sign.
     acts_at : str, default ""
@@ -247,7 +256,7 @@ def parameter(
         gain: float = tsm.parameter(default=2.0, about="gain", unit="N*m/rad", above=0.0)
     """
     spec = Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known, initial=initial)
-    return _field(default, attrs.evolve(spec, opposite=opposite, acts_at=acts_at))
+    return _field(default, attrs.evolve(spec, omitted=omitted, opposite=opposite, acts_at=acts_at))
 
 
 def option(

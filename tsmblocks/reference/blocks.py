@@ -180,10 +180,10 @@ def _numbers(block: Block, shown: Block, label: str) -> str:
 
 
 def _about(field: Field) -> str:
-    """The meaning of a field, and in Python what is meant where another is given alone."""
+    """The meaning of a field, and what is meant where it is not given, unless that is the default."""
     if field.opposite:
         return f"{field.about}; in Python the opposite of {field.opposite}, where that alone is given"
-    return field.about
+    return field.about if field.omitted is None else f"{field.about}; {field.omitted:g} in a file that does not give it"
 
 
 def own_unit(label: str) -> str:
