@@ -9,20 +9,21 @@ from tsmblocks.blocks import Bias, FirstOrderLag, Lag, Play, SoftDeadZone, Stret
 
 STEP = 0.01
 T = np.arange(0.0, 15.0, STEP)
-PLANT = tsm.Diagram(
-    title="axis",
-    blocks={"plant": Lag(time_constant=0.15), "zero": Bias()},
-    wires=["plant -> zero"],
-    inputs={"u": tsm.Inlet(["plant"], unit="mm")},
-    outputs={"y": "zero"},
-)
-PLAY = tsm.Diagram(
-    title="play",
-    blocks={"play": Play(half_width=0.15), "zero": Bias()},
-    wires=["play -> zero"],
-    inputs={"u": tsm.Inlet(["play"], unit="mm")},
-    outputs={"y": "zero"},
-)
+
+
+def model(**first):
+    """A block by its name, and an offset behind it."""
+    (name,) = first
+    return tsm.Diagram(
+        title="axis",
+        blocks={**first, "zero": Bias()},
+        wires=[f"{name} -> zero"],
+        inputs={"u": tsm.Inlet([name], unit="mm")},
+        outputs={"y": "zero"},
+    )
+
+
+PLANT, PLAY = model(plant=Lag(time_constant=0.15)), model(play=Play(half_width=0.15))
 
 
 def motion(seed, reach=4.0):
@@ -33,7 +34,7 @@ def motion(seed, reach=4.0):
 
 
 def recordings(models, noise=0.02):
-    """One recording of each model: ``(model, start, end)`` parts of it, one after another."""
+    """One recording of each model, a diagram or a function of the motion."""
     made = []
     for k, model in enumerate(models):
         u, rng = motion(k), np.random.default_rng(50 + k)

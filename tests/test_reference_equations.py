@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsmblocks.html.block_facts import words
-from tsmblocks.html.mathml import WIDEST, equation, mathml, signs
+from tsmblocks.html.mathml import WIDEST, equation, mathml, printed_length
 from tsmblocks.html.plain_formulas import LETTERS, plain
 from tsmblocks.model.block import leaves
 from tsmblocks.reference import blocks, examples
@@ -172,7 +172,7 @@ def test_a_long_sum_goes_on_in_rows_and_brackets_stay_whole():
     right = f"{term} + {term} - {term} + {term}"
     rows = equation("y", right).split("\\\\\n")
     assert len(rows) == 2
-    assert all(row.count(term) == 2 and signs(row) <= WIDEST for row in rows)
+    assert all(row.count(term) == 2 and printed_length(row) <= WIDEST for row in rows)
     assert "".join(rows).replace(r"&\quad {}", "") == f"y &= {right}"
     assert equation("y", "-a + b") == "y &= -a + b"
     assert equation("y", rf"\left({right}\right)") == rf"y &= \left({right}\right)"  # a product of brackets has no sum

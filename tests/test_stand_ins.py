@@ -92,7 +92,7 @@ def test_an_effect_that_explains_a_part_of_a_predictable_error_is_not_named():
 
 @pytest.mark.parametrize(("loss", "varies"), [(2.0, False), (2.5, True)])
 def test_a_factor_varies_only_in_more_than_noise(loss, varies):
-    """A noise floor of 2 with that of the inputs: what is left within a fifth of it may be their noise, filtered."""
+    """A noise floor of 2: a residual up to a fifth above it may be input noise that was filtered."""
     part = SimpleNamespace(
         losses=[5.0, loss],
         search=SimpleNamespace(noise=SimpleNamespace(low=2.0)),

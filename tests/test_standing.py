@@ -115,7 +115,7 @@ def few_steps(rng, n):
 
 
 def step_test(rng, n):
-    """Four to thirty steps whose sizes are alike, each after a time of its own."""
+    """Four to thirty steps of similar sizes at irregular instants."""
     steps = rng.uniform(1, 2, int(rng.integers(4, 30))) * np.where(rng.random() < 0.5, 1, -1)
     at = np.sort(rng.choice(np.arange(5, n - 5, 9), len(steps), replace=False))
     return np.sum([size * (np.arange(n) >= k) for size, k in zip(steps, at, strict=True)], axis=0)

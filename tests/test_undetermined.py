@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tests.search_tables import ONE, Table, names
+from tests.search_tables import Table, names, search_of
 from tsmblocks import blocks as b
-from tsmblocks.diagnosis import forward_selection, undetermined
-from tsmblocks.diagnosis.forward_selection import SearchContext, forward_search
-from tsmblocks.diagnosis.noise_floor import NoiseLevel
+from tsmblocks.diagnosis import undetermined
+from tsmblocks.diagnosis.forward_selection import forward_search
 from tsmblocks.diagnosis.rejection import NO_SIZE, NOT_DETERMINED
 from tsmblocks.effects import catalogue
 
@@ -23,19 +22,13 @@ def left_out(monkeypatch):
 
     def search(left, open_in):
         table = Table(left, {}, {})
-        monkeypatch.setattr(forward_selection, "search_round", table.search_round)
-        for name in ("converged", "refine_memories", "nearest"):
-            monkeypatch.setattr(forward_selection, name, lambda model: model)
-        monkeypatch.setattr(forward_selection, "with_sufficient_step", lambda model, settings: model)
-        monkeypatch.setattr(forward_selection, "better_base", lambda *_: None)
-        monkeypatch.setattr(forward_selection, "shrinkage_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
+        whole = search_of(table, monkeypatch)
         monkeypatch.setattr(undetermined, "held_out_losses", lambda model, *_: (np.array([table.loss(model)]),))
 
         def is_determined(one, model, base):
             return one.candidate.effect.name not in open_in.get("".join(sorted(model)), "")
 
         monkeypatch.setattr(undetermined, "_is_determined", is_determined)
-        whole = SearchContext({}, None, table.effects, ONE, NoiseLevel(1.0, 1.0, 1.0), lambda *_: None)
         rounds = []
         forward_search(frozenset(), {}, whole, rounds)
         kept, omitted = undetermined.without_undetermined(rounds, whole)

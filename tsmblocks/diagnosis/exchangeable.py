@@ -33,7 +33,7 @@ def exchange_notes(model: Model, noise_variance: float) -> list[str]:
             first, second = (_with_value(model.problem.unknowns.items[k], float(model.theta[k])) for k in (i, j))
             notes.append(
                 f"{first} and {second} may be exchanged: the recordings are explained as well the other way round. "
-                "A recording of a signal between them, or knowing one of them, tells which is which."
+                "A recording of a signal between them, or the value of one of them, separates them."
             )
     return notes
 

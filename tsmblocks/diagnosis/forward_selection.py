@@ -45,12 +45,12 @@ from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
 from tsmblocks.diagnosis.oscillation import follows_motion, repeats_another
 from tsmblocks.diagnosis.replacements import replacement_points
-from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, screening_score
+from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.surrogates import surrogates
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
 from tsmblocks.effects import REPLACED, Effect, Relative, Replacement
-from tsmblocks.fitting.column_space import column_space
+from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 from tsmblocks.fitting.inner_products import square
 
 SURROGATES = 99

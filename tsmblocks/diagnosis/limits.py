@@ -18,11 +18,11 @@ from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.diagnosis.quantities import detectable_size
 from tsmblocks.diagnosis.result import DetectionLimit
-from tsmblocks.diagnosis.screening import MIN_SENSITIVITY, SQUARED_EFFECT_TOLERANCE, absorbing
+from tsmblocks.diagnosis.screening import MIN_SENSITIVITY, absorbing
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.effects import Effect, Relative, Replacement
 from tsmblocks.effects.sizes import MILLISECONDS
-from tsmblocks.fitting.column_space import column_space
+from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.parameters import numbers
 from tsmblocks.model.diagram import Diagram

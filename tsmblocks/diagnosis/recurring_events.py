@@ -48,7 +48,7 @@ def without_recurring_events(
     rounds = list(rounds)
     count = accepted_count(rounds, search)
     named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
-    events = _imitations(rounds[count].base, rounds[0].base, named, _explain_everything(rounds[: count + 1], search))
+    events = _imitations(rounds[: count + 1], named, search)
     if not events:
         return rounds, [], []
     kept = [one for one in rounds[:count] if one.verdict.named not in events]
@@ -75,8 +75,11 @@ def _explain_everything(rounds: Sequence[SearchRound], search: SearchContext) ->
     )
 
 
-def _imitations(last: Model, base: Model, named: Sequence[FittedCandidate], complete: bool) -> list[FittedCandidate]:
-    """The named effects that imitate an irregular error; ``complete``: whether all of them leave noise only."""
+def _imitations(
+    rounds: Sequence[SearchRound], named: Sequence[FittedCandidate], search: SearchContext
+) -> list[FittedCandidate]:
+    """The named effects that imitate an irregular error; the last round is the one after them."""
+    base, last = rounds[0].base, rounds[-1].base
     sudden = [one for one in named if _has_own_instants(one)]
     if any(_apart(last, one, other) for k, one in enumerate(sudden) for other in sudden[:k]):
         return sudden
@@ -85,7 +88,8 @@ def _imitations(last: Model, base: Model, named: Sequence[FittedCandidate], comp
     if len(alone) > MAX_OWN:
         return own
     loops = [one for one in sudden if one.candidate.effect.variant.startswith("loop")]
-    return [] if complete else [one for one in loops if _is_everywhere(last, base, one)]
+    everywhere = [one for one in loops if _is_everywhere(last, base, one)]
+    return [] if everywhere and _explain_everything(rounds, search) else everywhere
 
 
 def _is_everywhere(last: Model, base: Model, one: FittedCandidate) -> bool:

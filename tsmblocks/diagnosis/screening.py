@@ -19,9 +19,6 @@ from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.residuals import Problem
 
-SQUARED_EFFECT_TOLERANCE = 1e-12
-"""Squared effect of a direction of the base's parameters, as a share of the largest, below which it is not
-identifiable. Chosen: above rounding of a squared matrix."""
 REFINEMENT_SHAPES = 12
 """Shapes tried on each side of the best one in a refinement of the grid. Chosen."""
 REFINEMENT_ROUNDS = 3

@@ -78,10 +78,9 @@ def _nearly_as_good(segment: Segment) -> str:
     """A sentence on effects that leave more error than one that was named, but little more."""
     found: list[str] = []
     for named in (one for one in segment.ranking if one.named):
+        most = len(named.parameters) + 1  # what has more, such as many plays, comes near to anything
         others = (one for one in segment.ranking if one.round == named.round and one.why_not == LEAVES_MORE)
-        count = len(named.parameters) + 1  # what has more, such as many plays, comes near to anything
-        others = (one for one in others if one.name != named.name and len(one.parameters) <= count)
-        found += [one.name for one in others if one.gain >= NEARLY_ALL * named.gain]
+        found += [one.name for one in others if one.gain >= NEARLY_ALL * named.gain and len(one.parameters) <= most]
     known = {name for effect in segment.effects for name in (effect.name, *effect.also_possible)}
     names = [name for name in dict.fromkeys(found) if name not in known]
     return f" Nearly as good: {listed(names, 4)}." if names else ""

@@ -20,6 +20,9 @@ SUSPECT = 1e-10
 """Ratio of eigenvalues below which a product of matrices is not trusted with the smaller ones. Chosen."""
 PIECE = 1000
 """Samples factorised at a time. Chosen: a block of these rows stays in the cache of the processor."""
+SQUARED_EFFECT_TOLERANCE = 1e-12
+"""Squared effect of a direction, as a share of the largest, below which it is not identifiable. Chosen: above rounding
+of a squared matrix."""
 TINY = 1e-150
 """Norm of a column up to which it counts as zero. Chosen: its square is no number."""
 

@@ -11,7 +11,7 @@ from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.above_noise import is_far, material_residuals, output_noise
-from tsmblocks.fitting.column_space import column_space
+from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, Undetermined, sizes, undetermined
 from tsmblocks.fitting.input_checks import runs_ahead
 from tsmblocks.fitting.input_noise import filtered_problem, input_noise_note
@@ -33,8 +33,6 @@ UNCERTAIN_VERDICT, OPEN_VERDICT = "uncertain", "not determined"
 """Verdicts on parameters with an interval that is wide, and without one."""
 NEXT_TO_NOTHING = 1.0
 """Explained variation [%] up to which a diagram explains hardly more than a constant. Chosen."""
-SQUARED_EFFECT = 1e-12
-"""Squared effect of a direction of the free parameters, as a share of the largest, below which it has none. Chosen."""
 SAME = 1.0
 """Costs that differ by less than this many variances of a sample belong to one optimum. Chosen."""
 
@@ -165,7 +163,7 @@ def _fixed_in_doubt(
     material = ((own, own[0].output, own[0].unit) for own in material_residuals(differences))
     if not any(is_far(own, output_noise(name, unit, records, inputs)[0]) for own, name, unit in material):
         return {}
-    space = column_space(at.jacobian, SQUARED_EFFECT, held=at.rows)
+    space = column_space(at.jacobian, SQUARED_EFFECT_TOLERANCE, held=at.rows)
     return fixed_in_doubt(problem, setup, at.theta, at.residuals, space)
 
 

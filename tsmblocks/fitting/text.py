@@ -27,6 +27,8 @@ MOST = 5
 """Pairs of parameters that are listed; the rest is counted. Chosen."""
 MOST_OF_STATES = 2
 """Combinations of initial states that are listed; the rest is counted. Chosen."""
+MIN_FLIPPED = 2
+"""Gains with another sign than they began with, from which there is a caution. Chosen: one may have been wrong."""
 OPEN = "?"
 """Mark of a number of parameters that the data do not determine."""
 LEAST, EXACT = 3, 7
@@ -87,10 +89,6 @@ def residual_rows(differences: Differences) -> list[tuple[str, ...]]:
 def cautions(fit: Fit) -> list[str]:
     """Cautions on the estimates, the data and the model, a sentence each."""
     return [*estimate_cautions(fit), *fit.notes, *beyond_range(fit), *beyond_noise(fit)]
-
-
-MIN_FLIPPED = 2
-"""Gains with another sign than they began with, from which there is a caution. Chosen: one may have been wrong."""
 
 
 def flipped_gains(before: Mapping[str, float], after: Mapping[str, float]) -> list[str]:

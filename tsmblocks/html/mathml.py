@@ -13,11 +13,11 @@ from typing import Any
 ALIGNED = re.compile(r"\\begin\{(aligned|split|gathered)\}|\\end\{(aligned|split|gathered)\}")
 
 SILENT = re.compile(r"\\(?:text|operatorname|left|right|frac|sqrt|dot)\b|\\[,;]|[{}_^&]")
-"""Markup of a formula without a sign of its own."""
+"""Commands and brackets of a formula that print no character."""
 WIDEST = 50
-"""Signs of a row of equations, from which a sum goes on in the next. Chosen: as wide as a page."""
+"""Characters in a row, above which a sum continues in the next. Chosen: as wide as a page."""
 LONG = 30
-"""Signs beyond which a formula among words is in a box that scrolls. Chosen: as wide as a phone."""
+"""Characters above which an inline formula is in a box that scrolls. Chosen: as wide as a phone."""
 BRACE = re.compile(r'<mo[^>]*>(?:\{|&#x0007B;)</mo>\s*<mtable(?: class="[^"]*")?')
 
 
@@ -35,18 +35,18 @@ def mathml(latex: str, *, block: bool = False) -> str:
     )
 
 
-def signs(latex: str) -> int:
-    """The number of signs of a formula, about; of a fraction those above and below the line."""
+def printed_length(latex: str) -> int:
+    """About how many characters a formula prints; of a fraction those above and below the line."""
     return len("".join(re.sub(r"\\[a-zA-Z]+", "x", SILENT.sub("", latex)).split()))
 
 
 def equation(left: str, right: str) -> str:
-    r"""An equation to be aligned at ``&``; a long sum goes on in further rows, which end with ``\\``."""
+    r"""An equation aligned at ``&``; a long sum continues in further rows, which end with ``\\``."""
     rows = [f"{left} &= "]
     for part in _split(right, " + "):
         for place, term in enumerate(_split(part, " - ")):
             sign = "-" if place else "" if rows[-1].endswith("&= ") else "+"
-            if sign and signs(rows[-1]) + signs(term) > WIDEST:
+            if sign and printed_length(rows[-1]) + printed_length(term) > WIDEST:
                 rows.append("&\\quad {}")
             rows[-1] += f" {sign} {term}" if sign else term
     return "\\\\\n".join(rows)
@@ -92,7 +92,7 @@ def _inline(self: Any, node: Any) -> None:
     from docutils import nodes
 
     made = mathml(node.astext())
-    self.body.append(f'<span class="math" tabindex="0">{made}</span>' if signs(node.astext()) > LONG else made)
+    self.body.append(f'<span class="math" tabindex="0">{made}</span>' if printed_length(node.astext()) > LONG else made)
     raise nodes.SkipNode
 
 
