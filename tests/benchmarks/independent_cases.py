@@ -17,6 +17,8 @@ import numpy as np
 from independent_plants import BASES, DRIFT, EFFECTS, MOTOR, OUTSIDE, SINGLE, Array, Base, Bench, Plant, Rng, constants
 from scipy.signal import lfilter
 
+from tsmblocks.common.one_thread import on_one_thread
+
 GROUPS = ("nulls", "single", "outside", "pairs", "motor")
 LEVELS = (0.1, 0.35, 1.0, 3.0)
 MOTIONS = ("sines", "chirp", "staircase", "band", "triangle", "paper", "teleoperation")
@@ -163,6 +165,7 @@ def recorded(rng: Rng, seed: tuple[int, ...], base: Base, coarse: int) -> tuple[
     return benches, labels
 
 
+@on_one_thread  # sizes are searched for, and the search depends on the last digits
 def build(group: str, seed: int) -> Case:
     """A case: its seed chooses noise (nulls) or effect and excess (other groups) in turn, and the rest at random."""
     rng = np.random.default_rng((GROUPS.index(group), seed, 2026))
