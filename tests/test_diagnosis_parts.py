@@ -57,9 +57,9 @@ from tsmblocks.diagnosis.insertion_points import driving_port, insertion_points,
 from tsmblocks.diagnosis.model import ModelSettings, calibrate, optimized, pose_extended
 from tsmblocks.diagnosis.noise_floor import propagated_input_noise
 from tsmblocks.diagnosis.presentation import unit_of
-from tsmblocks.diagnosis.screening import SQUARED_EFFECT_TOLERANCE, screening_score
+from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.effects import Effect, Trials, catalogue, registered
-from tsmblocks.fitting.column_space import column_space
+from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
