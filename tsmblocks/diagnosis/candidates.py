@@ -168,7 +168,7 @@ def spectral_lines(model: Model) -> tuple[float, ...]:
     frequency = np.arange(len(power)) / (padded * step)
     resolution = 2 / (end - start)
     peaks = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
-    peaks = peaks[(frequency[peaks] > resolution) & (frequency[peaks] < 0.4 / step)]
+    peaks = peaks[frequency[peaks] > resolution]
     chosen: list[float] = []
     for f in frequency[peaks[np.argsort(-power[peaks], kind="stable")]].tolist():
         if len(chosen) < SPECTRAL_LINE_COUNT and all(abs(f - other) > resolution for other in chosen):

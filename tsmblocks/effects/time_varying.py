@@ -67,11 +67,11 @@ def _broad_creep_trials(scales: Scales) -> Trials | None:
 
 
 def _periodic_trials(scales: Scales) -> Trials | None:
-    # A hum at half of the sampling rate is clear of the upper bound.
-    slowest, fastest = LEAST_PERIODS / _duration(scales), 0.51 / scales.step
-    frequencies = tuple({"frequency": f} for f in scales.lines if slowest <= f <= fastest)
+    slowest = LEAST_PERIODS / _duration(scales)
+    frequencies = tuple({"frequency": f} for f in scales.lines if slowest <= f)
     if not frequencies:
         return None
+    fastest = max(scales.lines) + slowest  # clear of a line at half of the sampling rate
     size, bounds = 0.01 * (scales.wire.reach or 1.0), {"frequency": (slowest, fastest)}
     return Trials({"cosine": size, "sine": size}, frequencies, _time_origin(scales), bounds)
 
