@@ -52,3 +52,12 @@ def test_mains_hum_is_named_with_its_frequency(frequency, steps):
 def test_noise_at_several_rates_is_no_disturbance():
     found = tsm.diagnose(MODEL, measured(), effects=["periodic_disturbance", "jump", "drift"])
     assert found.verdict == "none"
+
+
+@pytest.mark.parametrize("order", [("slow", "fast"), ("fast", "slow")])
+def test_runs_of_a_fit_have_the_step_of_their_recording(order):
+    fit = tsm.fit(MODEL, measured(steps={k: STEPS[k] for k in order}), starts=1)
+    steps = {name: float(run.t[1] - run.t[0]) for name, run in fit.runs.items()}
+    assert steps == pytest.approx({name: fit.diagram.simulation.step_of(name) for name in order})
+    assert steps["fast"] < steps["slow"]
+    assert fit.step == pytest.approx(steps["fast"])

@@ -83,7 +83,7 @@ class Fit:
     agreeing : int
         How many of these reached the same optimum.
     step : float
-        Step of the simulation in s.
+        Step of the simulation in s; the finest one, where that of each experiment is another (``diagram.simulation``).
     integrator : str
         As given to ``fit``.
     hold : str or dict of str to str
@@ -151,7 +151,7 @@ class Fit:
             made[name] = simulate(
                 diagram,
                 start=float(record.t[0]),
-                step=self.step,
+                step=diagram.simulation.step_of(name),
                 method=self.integrator,
                 inputs=inputs(record, diagram, self.hold),
             )

@@ -82,7 +82,7 @@ def summarise(
         method=method,
         searches=tuple(searches),
         agreeing=sum(abs(end.cost - best.cost) <= SAME * variance for end in searches),
-        step=first.times.h,
+        step=min(experiment.times.h for experiment in setup.experiments),
         integrator=first.rule.name,
         hold=setup.hold,
         records={experiment.name: experiment.record for experiment in setup.experiments},
