@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 
 from tsmblocks.diagnosis import forward_selection
+from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import Verdict
-from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, accepted_count
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
+from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 
 ONE = TimeBlocks(np.zeros(1, int), np.zeros(1, int), np.zeros(1, int), np.ones(1))
 WORTH = 0.05

@@ -24,7 +24,10 @@ def measured(disturbance=None, steps=STEPS):
 
 @pytest.mark.parametrize("order", [("slow", "medium", "fast"), ("fast", "slow", "medium")])
 def test_candidates_keep_the_step_of_each_recording(order):
-    records, settings = recordings(measured(steps={k: STEPS[k] for k in order})), ModelSettings(None, {"x_out": 0.01}, ("x_out",))
+    records, settings = (
+        recordings(measured(steps={k: STEPS[k] for k in order})),
+        ModelSettings(None, {"x_out": 0.01}, ("x_out",)),
+    )
     model = calibrate(MODEL, records, settings)
     diagram = model.fitted_diagram.insert("gap", tsm.blocks.Play(), before="x_out")
     _, setup = pose_extended(model, diagram, ["gap.half_width"], records, settings)

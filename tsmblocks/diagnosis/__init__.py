@@ -1,8 +1,8 @@
 """Diagnosis: find which effect a model lacks, name it, add its block, and validate it on held-out data.
 
 How a diagnosis decides, in reading order: ``effects/effect.py`` (what an effect is), ``diagnose.py`` (the steps),
-``forward_selection.py`` (one effect after another), ``cross_validation.py`` (held-out losses), ``decision.py`` (which
-candidate is named).
+``search_rounds.py`` (what they pass on), ``forward_selection.py`` (one effect after another), ``cross_validation.py``
+(held-out losses), ``decision.py`` (which candidate is named), ``acceptance.py`` (how many of them hold).
 """
 
 from tsmblocks.diagnosis.diagnose import diagnose

@@ -19,19 +19,14 @@ from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
+from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.exchangeable import exchange_notes
-from tsmblocks.diagnosis.forward_selection import (
-    SearchContext,
-    SearchRound,
-    accepted_count,
-    exchange_effects,
-    forward_search,
-)
+from tsmblocks.diagnosis.forward_selection import exchange_effects, forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
 from tsmblocks.diagnosis.noise_floor import (
@@ -57,6 +52,7 @@ from tsmblocks.diagnosis.plain_states import with_plain_states
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.signs import with_signs
 from tsmblocks.diagnosis.stand_in import stands_in
 from tsmblocks.diagnosis.time_and_distance import only_frequency

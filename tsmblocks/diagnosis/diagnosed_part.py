@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.diagnosis.acceptance import attained_noise
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import FittedCandidate, mean_loss
 from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence, is_material
-from tsmblocks.diagnosis.forward_selection import SearchContext, SearchRound, attained_noise
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import NoiseFloors
 from tsmblocks.diagnosis.partition import Part, experiment_of
+from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.varying_factor import VaryingFactor
 
 UNKNOWN_EXCESS = 0.2

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import attrs
-import numpy as np
 
-from tsmblocks.data import Record
+from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, known_starts
 from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
 from tsmblocks.diagnosis.critical_gains import critical_gains, critical_ratios, is_of_time
-from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import (
     INDISTINGUISHABLE_NOISE_SHARE,
     MIN_VARIANCE_REDUCTION,
@@ -32,21 +30,13 @@ from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.general_forms import generalized
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.insertion_points import insertion_points
-from tsmblocks.diagnosis.model import (
-    Model,
-    ModelSettings,
-    ProgressCallback,
-    converged,
-    nearest,
-    optimized,
-    with_sufficient_step,
-)
+from tsmblocks.diagnosis.model import Model, ModelSettings, converged, nearest, optimized, with_sufficient_step
 from tsmblocks.diagnosis.noise_filtering import filters_noise
-from tsmblocks.diagnosis.noise_floor import NoiseLevel
 from tsmblocks.diagnosis.oscillation import follows_motion, repeats_another
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.diagnosis.screening_score import ScreeningScore
+from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.surrogates import surrogates
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
 from tsmblocks.effects import REPLACED, Effect, Relative, Replacement
@@ -68,82 +58,13 @@ MIN_RELATIVE_SCORE = 0.15
 """Share of the best screening score from which a candidate is fitted. Chosen: for the run time."""
 MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
-MIN_EXCESS_SHARE = 0.5
-"""Share of the excess that an effect has to remove. Source: set on the development seeds of the method's prototype."""
-MIN_JOINT_SHARE = 0.8
-"""Share of the excess that several effects have to remove together, none of which removes ``MIN_EXCESS_SHARE``. Chosen:
-stricter than for one effect, since several parameters fit more by chance."""
-MIN_FURTHER_SHARE = 0.2
-"""Share of the remaining excess that a further effect has to remove, where it removes more than the noise variance.
-Calibrated on tests/benchmarks/hidden.py."""
-MIN_SHARE_OF_REMOVED = 0.15
-"""Share of all that was removed below which a further effect is taken for an error of form of the effects before.
-Chosen: catalogue blocks and real effects differ in form by about as much."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
-CLEAR_SIGNIFICANCE = 2.0
-"""t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
-Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
 
 
 MIN_GAIN_BESIDE_MOTION = 2.0
 """Gain of an oscillation at a harmonic of the motion, over what is predicted from the motion, from which it is a
 disturbance all the same. Chosen: more than half of it is then no function of the motion."""
-
-
-@attrs.frozen(eq=False)
-class SearchRound:
-    """One search for an effect: the base of the round, its held-out losses, screening scores and verdict.
-
-    ``losses`` (B,) and ``experiment_losses`` (B,) are those of the base, by folds and by whole experiments.
-    ``repeated`` is the same search repeated with all effects that were named later in the model. ``single_effect`` is
-    True where the round searched for one given effect only; ``repeated`` then is the search that named it.
-    ``multiplicity`` is how much larger a gain in noise is to be expected of the best of all candidates than of one of
-    them alone (95 %), for those that are of time and those that are not.
-    """
-
-    base: Model
-    losses: np.ndarray
-    experiment_losses: np.ndarray
-    screening_scores: tuple[ScreeningScore, ...]
-    verdict: Verdict
-    repeated: SearchRound | None = None
-    single_effect: bool = False
-    multiplicity: Mapping[bool, float] = attrs.field(factory=dict)
-
-    @property
-    def most_complete(self) -> SearchRound:
-        """The search with most candidates: this one, or the repeated one."""
-        return self.repeated if self.single_effect and self.repeated is not None else self
-
-    @property
-    def indistinguishable(self) -> tuple[FittedCandidate, ...]:
-        """The effect named and those indistinguishable from it, given all other effects that were named."""
-        return (self.repeated or self).verdict.indistinguishable
-
-
-@attrs.frozen(eq=False)
-class SearchContext:
-    """Shared by all rounds: recordings, model settings, effects, time blocks, noise.
-
-    ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback. ``only_frequency``
-    is the one frequency [Hz] of all recordings, None where there are several. ``input_noise`` is the rms noise that was
-    filtered out of each input.
-    """
-
-    records: Mapping[str, Record]
-    settings: ModelSettings
-    effects: Sequence[Effect | Relative]
-    blocks: TimeBlocks
-    noise: NoiseLevel
-    progress: ProgressCallback
-    only_frequency: float | None = None
-    input_noise: Mapping[str, float] = attrs.field(factory=dict)
-
-    @property
-    def noise_variance(self) -> float:
-        """Mean square of the noise, in the variances that residuals are counted in: the least that is plausible."""
-        return self.noise.low
 
 
 def search_round(
@@ -268,51 +189,6 @@ def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSetti
     """The base of the next round, and the shrinkage of the effects in it."""
     model = with_sufficient_step(converged(named.model), settings)
     return nearest(refine_memories(model)), {**shrinkage, **shrinkage_of(named.candidate)}
-
-
-def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
-    """The number of named effects that are accepted.
-
-    The first one is accepted if it removes ``MIN_EXCESS_SHARE`` of the excess; where none does, several are that
-    together remove ``MIN_JOINT_SHARE``. A further one is accepted if it removes a material share of the remaining
-    excess and is no mere error of form of those before: such errors are small beside the noise and beside what was
-    removed, and depend on the motion where those before do, or on time.
-
-    None are accepted that leave more than a candidate at a disqualifying bound would.
-    """
-    losses = [mean_loss(one.losses, search.blocks) for one in rounds]
-    noise = attained_noise(rounds, search)
-    before, count, limit = losses[0], 0, float("inf")
-    for k in range(1, len(losses)):
-        limit = min(limit, rounds[k - 1].verdict.out_of_bounds_loss)
-        if losses[k] > limit:
-            continue
-        removed = losses[k - 1] - losses[k]
-        share_of_rest = removed / max(losses[k - 1] - noise, 1e-12)
-        joint_share = (before - losses[k]) / max(before - noise, 1e-12)
-        share_so_far = (before - losses[count]) / max(before - noise, 1e-12) if count else 0.0
-        large = removed >= noise
-        if share_so_far < MIN_EXCESS_SHARE:
-            first = share_of_rest >= MIN_EXCESS_SHARE and count == k - 1
-            count = k if first or joint_share >= MIN_JOINT_SHARE else count
-        elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
-            all_removed = before - losses[k]
-            form_error = removed < MIN_SHARE_OF_REMOVED * all_removed and _is_like_those_before(rounds, k - 1)
-            complete = share_of_rest >= MIN_JOINT_SHARE and rounds[k - 1].verdict.significance >= CLEAR_SIGNIFICANCE
-            count = k if large or not form_error or complete else count
-    return count
-
-
-def _is_like_those_before(rounds: Sequence[SearchRound], k: int) -> bool:
-    """Whether the effect of round ``k`` is one of time where one named before is, or one of the motion likewise."""
-    of_time = [one.verdict.named is not None and is_of_time(one.verdict.named.candidate) for one in rounds[: k + 1]]
-    return of_time[-1] in of_time[:-1]
-
-
-def attained_noise(rounds: Sequence[SearchRound], search: SearchContext) -> float:
-    """Mean square of the noise [noise variances], by the best of the models that rounds start from."""
-    best = min(rounds, key=lambda one: mean_loss(one.losses, search.blocks))
-    return search.noise.attained(mean_loss(best.losses, search.blocks), float(np.median(best.losses)))
 
 
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:

@@ -8,11 +8,11 @@ import numpy as np
 
 from tsmblocks.blocks import Bias
 from tsmblocks.common.units import display_unit
+from tsmblocks.diagnosis.acceptance import MIN_EXCESS_SHARE
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.critical_gains import critical_gains
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
-from tsmblocks.diagnosis.forward_selection import MIN_EXCESS_SHARE, SearchRound
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
@@ -20,6 +20,7 @@ from tsmblocks.diagnosis.quantities import detectable_size
 from tsmblocks.diagnosis.result import DetectionLimit
 from tsmblocks.diagnosis.screening import MIN_SENSITIVITY, absorbing
 from tsmblocks.diagnosis.screening_score import ScreeningScore
+from tsmblocks.diagnosis.search_rounds import SearchRound
 from tsmblocks.effects import Effect, Relative, Replacement
 from tsmblocks.effects.sizes import MILLISECONDS
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space

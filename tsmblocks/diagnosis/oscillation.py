@@ -14,6 +14,14 @@ MIN_LINE_SHARE = 0.1
 FREQUENCIES = 41
 """Frequencies at which a line of the motion is looked for, over twice the resolution. Chosen: a twentieth of it."""
 
+PERIODS = ("frequency", "cycles")
+"""Parameters that give the period of an oscillation, over the time or over a position."""
+
+
+def is_oscillation(candidate: Candidate) -> bool:
+    """Whether an effect has a period of its own, so that two of them with different periods are two effects."""
+    return any(name in PERIODS for name in candidate.effect.free)
+
 
 def follows_motion(model: Model, candidate: Candidate) -> bool:
     """Whether the fitted frequency of an effect is a harmonic of a frequency of the motion.
@@ -34,9 +42,10 @@ def repeats_another(model: Model, candidate: Candidate) -> bool:
     signal: together they are one oscillation of another amplitude.
     """
     kind, scales = type(candidate.diagram.blocks[candidate.block]), candidate.scales
-    spans = {"frequency": max(float(np.ptp(one.record.t)) for one in model.setup.experiments)}
+    over_time, over_position = PERIODS
+    spans = {over_time: max(float(np.ptp(one.record.t)) for one in model.setup.experiments)}
     if scales is not None:
-        spans["cycles"] = 2 * scales.wire.reach / (2 * np.pi)
+        spans[over_position] = 2 * scales.wire.reach / (2 * np.pi)
     own, others = list[tuple[str, float]](), list[tuple[str, float]]()
     for item, value in zip(model.problem.unknowns.items, model.theta.tolist(), strict=True):
         block, _, name = item.parameter.rpartition(".")

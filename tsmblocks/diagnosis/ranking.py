@@ -9,9 +9,9 @@ import attrs
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
-from tsmblocks.diagnosis.forward_selection import SearchRound
 from tsmblocks.diagnosis.rejection import INDISTINGUISHABLE, MORE_GENERAL, WORSE_BESIDE_OTHERS, alternatives_to, why_not
 from tsmblocks.diagnosis.result import RankedCandidate
+from tsmblocks.diagnosis.search_rounds import SearchRound
 
 MAX_MEANINGFUL_SHARE = 10.0
 """Share of the excess above which the excess was too small for a share to have a meaning. Chosen."""

@@ -7,20 +7,15 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.diagnosis.acceptance import accepted_count, attained_noise
 from tsmblocks.diagnosis.decision import FittedCandidate, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import Omission
 from tsmblocks.diagnosis.evidence import evidence
-from tsmblocks.diagnosis.forward_selection import (
-    SearchContext,
-    SearchRound,
-    accepted_count,
-    attained_noise,
-    closing_round,
-    rounds_for,
-)
+from tsmblocks.diagnosis.forward_selection import closing_round, rounds_for
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.quantities import Estimate
 from tsmblocks.diagnosis.rejection import RECURRING
+from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 
 MAX_OWN = 2
 """Effects of time with separate sizes in each experiment that are named, at most. Chosen: with three of them, any

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tsmblocks.common.tables import listed
+from tsmblocks.diagnosis.acceptance import MIN_EXCESS_SHARE
 from tsmblocks.diagnosis.decision import (
     INDISTINGUISHABLE_NOISE_SHARE,
     MIN_EXCESS,
@@ -17,7 +18,7 @@ from tsmblocks.diagnosis.decision import (
     noise_beside,
 )
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
-from tsmblocks.diagnosis.forward_selection import MIN_EXCESS_SHARE, SearchRound
+from tsmblocks.diagnosis.search_rounds import SearchRound
 
 INDISTINGUISHABLE = "indistinguishable"
 WORSE_BESIDE_OTHERS = "leaves more error beside the other effects"

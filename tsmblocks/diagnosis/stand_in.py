@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from tsmblocks.diagnosis.acceptance import MIN_JOINT_SHARE, attained_noise
 from tsmblocks.diagnosis.decision import mean_loss
 from tsmblocks.diagnosis.evidence import Evidence
-from tsmblocks.diagnosis.forward_selection import MIN_JOINT_SHARE, SearchContext, SearchRound, attained_noise
+from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.varying_factor import VaryingFactor
 
 MIN_SHARE_OF_PREDICTED = 0.5

@@ -151,7 +151,7 @@ class Fit:
             made[name] = simulate(
                 diagram,
                 start=float(record.t[0]),
-                step=diagram.simulation.step_of(name),
+                step=diagram.simulation.step_of(name) or self.step,
                 method=self.integrator,
                 inputs=inputs(record, diagram, self.hold),
             )

@@ -1,0 +1,50 @@
+"""How many named effects are accepted, by what each leaves and whether it is one that was named before."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tsmblocks.diagnosis.acceptance import accepted_count
+from tsmblocks.diagnosis.noise_floor import NoiseLevel
+from tsmblocks.effects import catalogue
+
+SEARCH = SimpleNamespace(blocks=SimpleNamespace(sizes=np.ones(1)), noise=NoiseLevel(1.0, 1.0, 1.0))
+EFFECTS = {(one.name, one.variant): one for one in catalogue()}
+
+
+def rounds(losses, effects, significance=3.0):
+    """Rounds that begin with these losses and name these effects."""
+    made = []
+    for loss, one in zip(losses, [*effects, None], strict=True):
+        named = None if one is None else SimpleNamespace(candidate=SimpleNamespace(effect=EFFECTS[one]))
+        verdict = SimpleNamespace(named=named, significance=significance, out_of_bounds_loss=np.inf)
+        made.append(SimpleNamespace(losses=np.array([loss]), verdict=verdict))
+    return made
+
+
+DRIFT, HUM, FRICTION = ("parameter_change", "drift"), ("periodic_disturbance", "output"), ("coulomb_friction", "")
+
+
+@pytest.mark.parametrize(
+    ("second", "count"),
+    [
+        pytest.param(DRIFT, 1, id="the same again is an error of its form"),
+        pytest.param(("drift", ""), 2, id="another effect of time"),
+        pytest.param(FRICTION, 2, id="an effect of the motion"),
+    ],
+)
+def test_a_small_second_effect_that_leaves_noise_only(second, count):
+    assert accepted_count(rounds([2.13, 1.09, 1.0], [DRIFT, second]), SEARCH) == count
+
+
+def test_a_second_oscillation_has_another_period():
+    assert accepted_count(rounds([2.13, 1.09, 1.0], [HUM, HUM]), SEARCH) == 2
+
+
+def test_the_same_again_is_accepted_where_it_is_large():
+    assert accepted_count(rounds([9.0, 3.0, 1.0], [DRIFT, DRIFT]), SEARCH) == 2
+
+
+def test_a_small_second_effect_has_to_be_clearly_significant():
+    assert accepted_count(rounds([2.13, 1.09, 1.0], [DRIFT, ("drift", "")], significance=1.5), SEARCH) == 1

@@ -1,0 +1,83 @@
+"""How many of the effects that rounds of a search named are accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tsmblocks.diagnosis.critical_gains import is_of_time
+from tsmblocks.diagnosis.decision import mean_loss
+from tsmblocks.diagnosis.oscillation import is_oscillation
+from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
+
+MIN_EXCESS_SHARE = 0.5
+"""Share of the excess that an effect has to remove. Source: set on the development seeds of the method's prototype."""
+MIN_JOINT_SHARE = 0.8
+"""Share of the excess that several effects have to remove together, none of which removes ``MIN_EXCESS_SHARE``. Chosen:
+stricter than for one effect, since several parameters fit more by chance."""
+MIN_FURTHER_SHARE = 0.2
+"""Share of the remaining excess that a further effect has to remove, where it removes more than the noise variance.
+Calibrated on tests/benchmarks/hidden.py."""
+MIN_SHARE_OF_REMOVED = 0.15
+"""Share of all that was removed below which a further effect is taken for an error of form of the effects before.
+Chosen: catalogue blocks and real effects differ in form by about as much."""
+CLEAR_SIGNIFICANCE = 2.0
+"""t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
+Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
+
+
+def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
+    """The number of named effects that are accepted.
+
+    The first one is accepted if it removes ``MIN_EXCESS_SHARE`` of the excess; where none does, several are that
+    together remove ``MIN_JOINT_SHARE``. A further one is accepted if it removes a material share of the remaining
+    excess and is no mere error of form of those before: such errors are small beside the noise and beside what was
+    removed, and depend on the motion where those before do, or on time. One that leaves noise only is accepted all the
+    same where it is clearly significant and no second effect of the same name.
+
+    None are accepted that leave more than a candidate at a disqualifying bound would.
+    """
+    losses = [mean_loss(one.losses, search.blocks) for one in rounds]
+    noise = attained_noise(rounds, search)
+    before, count, limit = losses[0], 0, float("inf")
+    for k in range(1, len(losses)):
+        limit = min(limit, rounds[k - 1].verdict.out_of_bounds_loss)
+        if losses[k] > limit:
+            continue
+        removed = losses[k - 1] - losses[k]
+        share_of_rest = removed / max(losses[k - 1] - noise, 1e-12)
+        joint_share = (before - losses[k]) / max(before - noise, 1e-12)
+        share_so_far = (before - losses[count]) / max(before - noise, 1e-12) if count else 0.0
+        large = removed >= noise
+        if share_so_far < MIN_EXCESS_SHARE:
+            first = share_of_rest >= MIN_EXCESS_SHARE and count == k - 1
+            count = k if first or joint_share >= MIN_JOINT_SHARE else count
+        elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
+            all_removed = before - losses[k]
+            form_error = removed < MIN_SHARE_OF_REMOVED * all_removed and _is_like_those_before(rounds, k - 1)
+            complete = share_of_rest >= MIN_JOINT_SHARE and rounds[k - 1].verdict.significance >= CLEAR_SIGNIFICANCE
+            complete = complete and not _is_named_before(rounds, k - 1)
+            count = k if large or not form_error or complete else count
+    return count
+
+
+def _is_like_those_before(rounds: Sequence[SearchRound], k: int) -> bool:
+    """Whether the effect of round ``k`` is one of time where one named before is, or one of the motion likewise."""
+    of_time = [one.verdict.named is not None and is_of_time(one.verdict.named.candidate) for one in rounds[: k + 1]]
+    return of_time[-1] in of_time[:-1]
+
+
+def _is_named_before(rounds: Sequence[SearchRound], k: int) -> bool:
+    """Whether an effect of the name of round ``k`` is in the model already: the second one is an error of its form.
+
+    Oscillations of different periods are different effects.
+    """
+    named = [one.verdict.named.candidate for one in rounds[: k + 1] if one.verdict.named is not None]
+    return not is_oscillation(named[-1]) and named[-1].effect.name in {one.effect.name for one in named[:-1]}
+
+
+def attained_noise(rounds: Sequence[SearchRound], search: SearchContext) -> float:
+    """Mean square of the noise [noise variances], by the best of the models that rounds start from."""
+    best = min(rounds, key=lambda one: mean_loss(one.losses, search.blocks))
+    return search.noise.attained(mean_loss(best.losses, search.blocks), float(np.median(best.losses)))

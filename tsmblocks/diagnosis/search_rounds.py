@@ -1,0 +1,71 @@
+"""What a search for effects works with, and what one round of it found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.data import Record
+from tsmblocks.diagnosis.cross_validation import TimeBlocks
+from tsmblocks.diagnosis.decision import FittedCandidate, Verdict
+from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback
+from tsmblocks.diagnosis.noise_floor import NoiseLevel
+from tsmblocks.diagnosis.screening_score import ScreeningScore
+from tsmblocks.effects import Effect, Relative
+
+
+@attrs.frozen(eq=False)
+class SearchRound:
+    """One search for an effect: the base of the round, its held-out losses, screening scores and verdict.
+
+    ``losses`` (B,) and ``experiment_losses`` (B,) are those of the base, by folds and by whole experiments.
+    ``repeated`` is the same search repeated with all effects that were named later in the model. ``single_effect`` is
+    True where the round searched for one given effect only; ``repeated`` then is the search that named it.
+    ``multiplicity`` is how much larger a gain in noise is to be expected of the best of all candidates than of one of
+    them alone (95 %), for those that are of time and those that are not.
+    """
+
+    base: Model
+    losses: np.ndarray
+    experiment_losses: np.ndarray
+    screening_scores: tuple[ScreeningScore, ...]
+    verdict: Verdict
+    repeated: SearchRound | None = None
+    single_effect: bool = False
+    multiplicity: Mapping[bool, float] = attrs.field(factory=dict)
+
+    @property
+    def most_complete(self) -> SearchRound:
+        """The search with most candidates: this one, or the repeated one."""
+        return self.repeated if self.single_effect and self.repeated is not None else self
+
+    @property
+    def indistinguishable(self) -> tuple[FittedCandidate, ...]:
+        """The effect named and those indistinguishable from it, given all other effects that were named."""
+        return (self.repeated or self).verdict.indistinguishable
+
+
+@attrs.frozen(eq=False)
+class SearchContext:
+    """Shared by all rounds: recordings, model settings, effects, time blocks, noise.
+
+    ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback. ``only_frequency``
+    is the one frequency [Hz] of all recordings, None where there are several. ``input_noise`` is the rms noise that was
+    filtered out of each input.
+    """
+
+    records: Mapping[str, Record]
+    settings: ModelSettings
+    effects: Sequence[Effect | Relative]
+    blocks: TimeBlocks
+    noise: NoiseLevel
+    progress: ProgressCallback
+    only_frequency: float | None = None
+    input_noise: Mapping[str, float] = attrs.field(factory=dict)
+
+    @property
+    def noise_variance(self) -> float:
+        """Mean square of the noise, in the variances that residuals are counted in: the least that is plausible."""
+        return self.noise.low
