@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import attrs
 
@@ -32,10 +32,13 @@ VERDICT_RANK = {"named": 2, "unknown": 1, "none": 0}
 def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[str], interrupted: bool) -> Diagnosis:
     """The diagnosis of the whole diagram from those of its parts."""
     diagram = with_initial_values(request.diagram) if request.settings.start_states else request.diagram
-    simulated = [_simulated(request, diagnosed) for diagnosed in parts]
     segments = tuple(
-        attrs.evolve(segment_summary(diagnosed, diagram), augmented=diagnosed.final.fitted_diagram, simulated=how)
-        for diagnosed, how in zip(parts, simulated, strict=True)
+        attrs.evolve(
+            segment_summary(diagnosed, diagram),
+            augmented=diagnosed.final.fitted_diagram,
+            simulated=_simulated(request, [diagnosed]),
+        )
+        for diagnosed in parts
     )
     verdict = max((s.verdict for s in segments), key=lambda v: VERDICT_RANK[v])
     sentences = [s.sentence for s in segments if s.verdict == verdict]
@@ -57,7 +60,7 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
         "interrupted" if interrupted else "done",
         request.spans,
         given=request.diagram,
-        simulated=_all_simulated(simulated, _hold(parts)),
+        simulated=_simulated(request, parts),
         provenance=Provenance(
             __version__,
             diagram_source(request.diagram),
@@ -93,13 +96,7 @@ def _with_simulation(
     Its own initial states are those of the first recording. A simulation that restarted within a recording is known by
     the states of the first piece. The step is the finest of its parts: at a coarser one, a part may diverge.
     """
-    starts, steps = dict[str, dict[str, float]](), dict[str, float]()
-    for model in models:
-        for experiment in model.setup.experiments:
-            name = experiment_of(experiment.name)
-            own = model.parameters(experiment.name)
-            starts[name] = {**own, **starts.get(name, {})}
-            steps[name] = min(steps.get(name, math.inf), experiment.times.h)
+    starts, steps = _starts_and_steps(models, experiment_of)
     first, hold = models[0].setup.experiments[0], _hold(parts)
     simulation = Simulation(
         step=next(iter(steps.values())) if len(set(steps.values())) == 1 else steps,
@@ -117,35 +114,38 @@ def _consequence(parts: Sequence[DiagnosedPart], segments: Sequence[Segment]) ->
     return "" if last is None else consequence(last.models[0], last.models[-1])
 
 
-def _simulated(request: Request, diagnosed: DiagnosedPart) -> Simulated:
-    """How the last model of a part was simulated, with the fitted initial states."""
-    last, pieces = diagnosed.final, dict[str, tuple[float, float, float]]()
-    for experiment in last.setup.experiments:
+def _starts_and_steps(
+    models: Sequence[Model], called: Callable[[str], str] = str
+) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
+    """Parameters and initial states of the models by experiment, and its finest step [s], by what it is called.
+
+    Of pieces that are called alike, those of the first one.
+    """
+    starts, steps = dict[str, dict[str, float]](), dict[str, float]()
+    for model in models:
+        for experiment in model.setup.experiments:
+            name = called(experiment.name)
+            starts[name] = {**model.parameters(experiment.name), **starts.get(name, {})}
+            steps[name] = min(steps.get(name, math.inf), experiment.times.h)
+    return starts, steps
+
+
+def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:
+    """How the last models of parts were simulated: the finest steps, and the fitted initial states of all of them."""
+    pieces = dict[str, tuple[float, float, float]]()
+    for experiment in (one for diagnosed in parts for one in diagnosed.final.setup.experiments):
         if experiment_of(experiment.name) != experiment.name:
             t = experiment.record.t
             pieces[experiment.name] = (float(t[0]), float(experiment.t[0]), float(t[-1]))
+    inputs = dict.fromkeys(k for diagnosed in parts for k in diagnosed.part.diagram.inputs if request.condition)
     return Simulated(
-        {experiment.name: last.parameters(experiment.name) for experiment in last.setup.experiments},
-        {experiment.name: experiment.times.h for experiment in last.setup.experiments},
-        diagnosed.part.outputs,
-        tuple(diagnosed.part.diagram.inputs) if request.condition else (),
+        *_starts_and_steps([diagnosed.final for diagnosed in parts]),
+        tuple(k for diagnosed in parts for k in diagnosed.part.outputs),
+        tuple(inputs),
         request.settings.integrator,
-        _hold([diagnosed]),
+        _hold(parts),
         pieces,
     )
-
-
-def _all_simulated(every: Sequence[Simulated], hold: Hold) -> Simulated:
-    """How the last models of all parts were simulated: the finest steps, and the initial states of all of them."""
-    starts, steps, pieces = dict[str, dict[str, float]](), dict[str, float](), dict[str, tuple[float, float, float]]()
-    for one in every:
-        pieces |= one.pieces
-        for name, own in one.start_states.items():
-            starts.setdefault(name, {}).update(own)
-            steps[name] = min(steps.get(name, math.inf), one.steps[name])
-    inputs = dict.fromkeys(k for one in every for k in one.conditioned)
-    outputs = tuple(k for one in every for k in one.outputs)
-    return Simulated(starts, steps, outputs, tuple(inputs), every[0].integrator, hold, pieces)
 
 
 def _hold(parts: Sequence[DiagnosedPart]) -> Hold:
