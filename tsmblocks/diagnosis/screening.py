@@ -219,11 +219,18 @@ class _Screening:
     def _unknowns_at(self, numbers: Mapping[str, float]) -> np.ndarray:
         theta, items = self.starting_values.copy(), self.problem.unknowns.items
         for name, value in numbers.items():
-            full = f"{self.candidate.block}.{name}"
-            for k, item in enumerate(items):
-                if full in (item.parameter, item.name):
-                    theta[k] = np.clip(value, item.low, item.high)
+            for k in self._places.get(f"{self.candidate.block}.{name}", ()):
+                theta[k] = min(max(value, items[k].low), items[k].high)
         return theta
+
+    @functools.cached_property
+    def _places(self) -> dict[str, list[int]]:
+        """Places of the unknowns by parameter, all experiments together, and by name."""
+        places = dict[str, list[int]]()
+        for k, item in enumerate(self.problem.unknowns.items):
+            for name in {item.parameter, item.name}:
+                places.setdefault(name, []).append(k)
+        return places
 
     def _by_experiment(self, changes: np.ndarray) -> np.ndarray:
         """Changes (N, strengths) as (N, sizes): those of a local strength for each experiment alone."""

@@ -45,7 +45,7 @@ def _record(one: Any, name: str) -> Record:
     """One recording, with samples, and times in order; one made by a script may have neither."""
     if isinstance(one, (str, Path)):
         one = read(one)
-    elif hasattr(one, "columns") and hasattr(one, "index"):
+    elif not isinstance(one, Record) and hasattr(one, "columns") and hasattr(one, "index"):
         from tsmblocks.data import from_pandas
 
         one = from_pandas(one, name=name)
