@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pytest
 
@@ -10,6 +11,7 @@ from tsmblocks.diagnosis.decision import (
     CONCENTRATED_RATIO,
     CONCENTRATED_SCATTERS,
     DISTINGUISHABLE_GAIN_SHARE,
+    SIGNIFICANT_SHARE,
     SIMPLER_EFFECT_SHARE,
     FittedCandidate,
     Verdict,
@@ -77,6 +79,26 @@ def test_a_gain_in_few_blocks_has_to_be_three_times_as_large_in_proportion_to_th
     verdict = decide(BASE, [stand_in(BASE - gain)], PART, 1.5, 0)
     assert verdict.t[0] < verdict.critical_value
     assert (verdict.named is not None) == named
+
+
+@pytest.mark.parametrize("far", [0.95, 1.05])
+def test_a_significant_one_is_named_before_a_better_one_that_is_not(far):
+    """The better one gains and loses by turns, as a flexible candidate does in a few blocks."""
+    unsure = 40.0 * np.array([1.0, -1.0] * 30)
+    best, other = stand_in(BASE - 1.0 - unsure, name="best"), stand_in(BASE - SIGNIFICANT_SHARE * far + 0.02 * NOISE[1])
+    verdict = decide(BASE, [best, other], PART, 1.0, 0)
+    assert verdict.ranking[0] is best
+    assert verdict.named is (other if far > 1 else None)
+
+
+def test_a_significant_one_that_may_not_be_named_is_not():
+    unsure = 40.0 * np.array([1.0, -1.0] * 30)
+    best, losses = stand_in(BASE - 1.0 - unsure, name="best"), BASE - 0.9 + 0.02 * NOISE[1]
+    for other in (
+        attrs.evolve(stand_in(losses), untenable="removes noise of the input only"),
+        stand_in(losses, edge=0),
+    ):
+        assert decide(BASE, [best, other], PART, 1.0, 0).named is None
 
 
 @pytest.mark.parametrize(("size", "together"), [(0.1, True), (0.5, False)])

@@ -27,6 +27,9 @@ CONCENTRATED_RATIO = 5.0
 RIVAL_SHARE, RARE_SHARE = 0.25, 0.9
 """Of a rare effect with separate sizes in each experiment: share of what it removes that a significant effect with
 one size for all may remove, and share of the excess that it has to remove. Chosen: little, and nearly all."""
+SIGNIFICANT_SHARE = 0.5
+"""Share of what the best candidate removes, which is not significant, from which a significant one is named. Chosen:
+the larger part."""
 MIN_SCATTER = 0.02
 """Scatter of the gains [noise variances] added to the measured one. Chosen: gains below it are of no interest."""
 MAD_TO_STANDARD_DEVIATION = 1.4826
@@ -200,7 +203,8 @@ def decide(
     """Name the candidate with the lowest held-out loss, if the reduction is material and statistically significant.
 
     ``base`` (B,) are the losses without any candidate, ``noise_variance`` is the mean square of the noise. Of
-    candidates that remove nearly as much as the best, the one with the fewest parameters is named.
+    candidates that remove nearly as much as the best, the one with the fewest parameters is named. A best one that is
+    not significant, such as a flexible one that gains in a few blocks, gives way to a significant one.
     """
     finite = [one for one in candidates if np.isfinite(one.losses).all()]
     if not finite:
@@ -213,6 +217,9 @@ def decide(
     rare = _concentrated(gains[0]) and removed >= concentrated_size
     significant = [one for one, value in zip(ranking, t, strict=True) if value > critical_value]
     accepted = best in significant or (rare and _is_alone(ranking, significant, before, noise_variance))
+    if not accepted:
+        best = _best_significant(significant, SIGNIFICANT_SHARE * removed, before) or best
+        removed, accepted = before - best.loss, best in significant
     if best.disqualifying_bounds or not best.tenable or not _is_acceptable(removed, before, accepted, noise_variance):
         return Verdict(tuple(ranking), tuple(t), critical_value)
     largest_difference = max(DISTINGUISHABLE_GAIN_SHARE * removed, INDISTINGUISHABLE_NOISE_SHARE * noise_variance)
@@ -221,7 +228,11 @@ def decide(
     indistinguishable = [
         one for one in eligible if _is_indistinguishable(one, best, blocks, tolerance, concentrated_size)
     ]
-    close = [one for one in indistinguishable if one.tenable and before - one.loss >= SIMPLER_EFFECT_SHARE * removed]
+    close = [
+        one
+        for one in indistinguishable
+        if one.tenable and one.loss >= best.loss and before - one.loss >= SIMPLER_EFFECT_SHARE * removed
+    ]
     named = _simplest(min(close, key=lambda one: (one.parameter_count, one.loss)), ranking, before)
     named = _at_output(named, close)
     special_case = named not in indistinguishable  # a more general form of it with the same loss adds nothing
@@ -284,6 +295,12 @@ def _is_of_sensor(one: FittedCandidate) -> bool:
     """Whether a candidate is on the wire to a measured output that drives nothing else."""
     point = one.candidate.point
     return point.before == point.output
+
+
+def _best_significant(significant: Sequence[FittedCandidate], least: float, before: float) -> FittedCandidate | None:
+    """The first of the significant candidates that may be named and remove enough."""
+    allowed = (one for one in significant if one.tenable and not one.disqualifying_bounds)
+    return next((one for one in allowed if before - one.loss >= least), None)
 
 
 def _is_alone(
