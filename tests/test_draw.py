@@ -21,6 +21,8 @@ from tsmblocks.blocks import (
     FirstOrderLag,
     Gain,
     MotorTransferFunction,
+    Play,
+    RateLimit,
     Saturation,
     SecondOrderLag,
     TransferFunction,
@@ -597,11 +599,30 @@ def test_blocks_show_the_values_of_their_parameters():
     assert written(TransferFunction(num=[1.0], den=[1.23456 + k for k in range(9)])) == ["b(s)", "a(s)"]  # too long
 
 
+@pytest.mark.parametrize(
+    ("block", "unit", "text"),
+    [
+        (Saturation(low=-24, high=24), "V", "−24 … 24 V"),
+        (Saturation(low=-np.pi, high=np.pi), "rad", "−180 … 180 deg"),
+        (Play(half_width=np.pi / 60), "rad", "± 3 deg"),
+        (Play(half_width=0.05), "", "± 0.05"),
+        (RateLimit(rising=np.pi, falling=-np.pi), "rad", "−180 … 180 deg/s"),
+        (RateLimit(rising=5, falling=-5), "V", "−5 … 5 V/s"),
+        (RateLimit(rising=5, falling=-5), "", "−5 … 5 /s"),
+    ],
+)
+def test_values_are_shown_in_the_unit_of_their_signal(block, unit, text):
+    source = Constant(value=1.0, **({"unit": unit} if unit else {}))
+    diagram = Diagram(blocks={"source": source, "b": block}, wires=["source -> b"])
+    labels = box_of(layout(diagram), "b").labels
+    assert [t.text for t in labels if t.kind == "symbol"][-1] == text
+
+
 def test_every_block_of_the_package_has_a_text_with_its_values():
     with_values = [kind for kind in REGISTRY.values() if kind.symbol_with_values]
     assert len(with_values) > 30
     for kind in with_values:
-        text = values_of(kind())
+        text = values_of(kind(), lambda _: "")
         assert text, kind
         assert "{" not in text
 

@@ -280,7 +280,7 @@ class Switch(Block):
 
     source = "definition"
     symbol = "switch"
-    symbol_with_values = "switch\n> {threshold}"
+    symbol_with_values = "switch\n> {threshold:unit}"
 
     threshold: float = parameter(default=0.5, about="control value from which the first input passes", unit="?c")
     u1 = Input("passes while control is at or above the threshold", unit="?u")

@@ -32,7 +32,7 @@ class CoulombFriction(Block):
 
     source = "Olsson and others, Friction models and friction compensation, Eur. J. Control 4 (1998) 176"
     symbol = "Coulomb"
-    symbol_with_values = "Coulomb\n{level}"
+    symbol_with_values = "Coulomb\n{level:unit}"
 
     level: float = parameter(default=0.02, about="friction while sliding", unit="?f", at_least=0.0)
     smoothing: float = parameter(

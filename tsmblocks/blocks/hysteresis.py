@@ -335,7 +335,7 @@ class Play(Block):
 
     source = "Brokate and Sprekels, Hysteresis and Phase Transitions (1996), chapter 2"
     symbol = "play"
-    symbol_with_values = "play\n± {half_width}"
+    symbol_with_values = "play\n± {half_width:unit}"
 
     half_width: float = parameter(default=0.2, about="half of the slack", unit="?u", at_least=0.0)
     gain: float = parameter(default=1.0, about="slope while the output moves")

@@ -32,7 +32,7 @@ class Saturation(Block):
 
     source = "Paper, section 5.1: between 0 and 24 V; taken in both directions"
     symbol = "sat"
-    symbol_with_values = "sat\n{low} … {high}"
+    symbol_with_values = "sat\n{low:value} … {high:unit}"
 
     low: float = parameter(default=-24.0, about="least output", unit="?u", finite=False, opposite="high", acts_at="u")
     high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False, opposite="low", acts_at="u")
@@ -56,7 +56,7 @@ class SoftSaturation(Block):
 
     source = "definition; Dugas and others, NIPS 13 (2000), the softplus function"
     symbol = "soft sat"
-    symbol_with_values = "soft sat\n{low} … {high}"
+    symbol_with_values = "soft sat\n{low:value} … {high:unit}"
 
     low: float = parameter(default=-24.0, about="least output", unit="?u", finite=False, opposite="high", acts_at="u")
     high: float = parameter(default=24.0, about="largest output", unit="?u", finite=False, opposite="low", acts_at="u")
@@ -95,7 +95,7 @@ class DeadZone(Block):
 
     source = "definition"
     symbol = "dead zone"
-    symbol_with_values = "dead zone\n{low} … {high}"
+    symbol_with_values = "dead zone\n{low:value} … {high:unit}"
 
     low: float = parameter(default=-0.05, about="lower edge of the zone", unit="?u", opposite="high", acts_at="u")
     high: float = parameter(default=0.05, about="upper edge of the zone", unit="?u", opposite="low", acts_at="u")
@@ -121,7 +121,7 @@ class SoftDeadZone(Block):
 
     source = "definition; Dugas and others, NIPS 13 (2000), the softplus function"
     symbol = "soft zone"
-    symbol_with_values = "soft zone\n± {half_width}"
+    symbol_with_values = "soft zone\n± {half_width:unit}"
 
     half_width: float = parameter(default=0.05, about="half width w of the zone", unit="?u", at_least=0.0)
     centre: float = parameter(default=0.0, about="centre c of the zone", unit="?u")
@@ -149,7 +149,7 @@ class RateLimit(Block):
 
     source = "definition"
     symbol = "rate limit"
-    symbol_with_values = "rate limit\n{falling} … {rising} /s"
+    symbol_with_values = "rate limit\n{falling:value} … {rising:unit}"
 
     rising: float = parameter(default=3.0, about="fastest rise", unit="?u/s", above=0.0, opposite="falling")
     falling: float = parameter(default=-3.0, about="fastest fall, negative", unit="?u/s", below=0.0, opposite="rising")
@@ -193,7 +193,7 @@ class SoftRateLimit(Block):
 
     source = "definition; the soft limit is that of SoftSaturation"
     symbol = "soft rate"
-    symbol_with_values = "soft rate\n{falling} … {rising} /s"
+    symbol_with_values = "soft rate\n{falling:value} … {rising:unit}"
 
     rising: float = parameter(default=3.0, about="fastest rise r", unit="?u/s", above=0.0, opposite="falling")
     falling: float = parameter(
@@ -272,7 +272,7 @@ class Quantiser(Block):
 
     source = "definition"
     symbol = "round"
-    symbol_with_values = "round\n{interval}"
+    symbol_with_values = "round\n{interval:unit}"
 
     interval: float = parameter(default=0.01, about="distance between two values", unit="?u", above=0.0)
     u = Input("any signal", unit="?u")

@@ -36,7 +36,7 @@ class Comparison(Block):
 
     source = "definition"
     symbol = "u > c"
-    symbol_with_values = "u {sign} {level}"
+    symbol_with_values = "u {sign} {level:unit}"
 
     sign: str = option(default=">", about="comparison operator", choices=(">", ">=", "<", "<="))
     level: float = parameter(default=0.0, about="the level c", unit="?u")

@@ -47,7 +47,7 @@ class SensorNoise(Block):
 
     source = "definition"
     symbol = "+ noise"
-    symbol_with_values = "+ noise\nσ {std}"
+    symbol_with_values = "+ noise\nσ {std:unit}"
 
     std: float = parameter(default=0.001, about="standard deviation", unit="?u", at_least=0.0)
     seed: int = option(default=0, about="seed; with the block's name it fixes the noise", at_least=0)
@@ -72,7 +72,7 @@ class Bias(Block):
 
     source = "definition"
     symbol = "+ b"
-    symbol_with_values = "+ {bias}"
+    symbol_with_values = "+ {bias:unit}"
 
     bias: float = parameter(default=0.0, about="added to the signal", unit="?u")
     u = Input("true value", unit="?u")

@@ -44,7 +44,8 @@ def _in_own_unit(diagram: Diagram, name: str, value: Any) -> Any:
     match = _QUANTITY.fullmatch(value) if isinstance(value, str) else None
     if match is None or name not in diagram.parameters:
         return value
-    from tsmblocks.fitting.parameters import numbers, unit_of
+    from tsmblocks.fitting.parameters import numbers
+    from tsmblocks.model.parameter_units import unit_of
 
     unit = unit_of(name, diagram, numbers(diagram)[name])
     if not unit:

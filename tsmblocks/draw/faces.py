@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import string
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import Any
 
@@ -22,6 +22,10 @@ WIDEST_SYMBOL, WIDEST_FRACTION, WIDEST_TEXT = 110, 200, 140
 """Widths beyond which a symbol is wrapped, values in a fraction are not shown, and a title is cut [pixels]."""
 SWITCHED = {"enable": "enabled", "trigger": "triggered"}
 """Word in the box of a diagram that is switched, by what switches it."""
+
+
+UnitOf = Callable[[str], str]
+"""The unit of a parameter of a block, by its name; nothing where none is known."""
 
 
 @attrs.frozen
@@ -55,13 +59,14 @@ def symbol_of(block: Any) -> str:
     return str(getattr(block, "symbol", "") or type(block).__name__)
 
 
-def face(block: Any, with_values: bool) -> Face:
+def face(block: Any, with_values: bool, unit_of: UnitOf) -> Face:
     """What is written in the box of a block, or of a diagram inside the diagram."""
     if isinstance(block, Diagram):
         kinds = (b.switches for b in block.blocks.values() if not isinstance(b, Diagram))
         switched = [f"({SWITCHED[kind]})" for kind in kinds if kind]
         return _small([*_words(block.title or "diagram"), *switched])
-    symbol, *more = values_of(block).split("\n") if with_values and values_of(block) else [symbol_of(block)]
+    values = values_of(block, unit_of) if with_values else ""
+    symbol, *more = values.split("\n") if values else [symbol_of(block)]
     parts, below = fraction(symbol), tuple((fitted(text, SMALL, 2 * WIDEST_TEXT), float(SMALL)) for text in more)
     if parts and with_values and max(text_width(part, FRACTION) for part in parts) > WIDEST_FRACTION:
         parts = fraction(symbol_of(block))
@@ -72,23 +77,25 @@ def face(block: Any, with_values: bool) -> Face:
     return _small([*_words(symbol), *more])
 
 
-def values_of(block: Any) -> str:
-    """The text in the box with the values of parameters; nothing where the block has no such text."""
+def values_of(block: Any, unit_of: UnitOf) -> str:
+    """The text in the box with the values of parameters; nothing where the block has no such text.
+
+    ``{half_width:unit}`` is a value with its unit, ``{low:value}`` the same without, angles in degrees.
+    """
     pattern = str(getattr(block, "symbol_with_values", ""))
     try:
-        pattern = re.sub(r"\{(\w+):unit\}", lambda found: _with_unit(block, found[1]), pattern)
+        pattern = re.sub(r"\{(\w+):(unit|value)\}", lambda one: _shown(block, one[1], one[2], unit_of), pattern)
         return Numbers().vformat(pattern, (), block.parameters | block.options).strip() if pattern else ""
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):  # the author's pattern does not fit the block
         return ""
 
 
-def _with_unit(block: Any, name: str) -> str:
-    """A parameter with its unit where that is known, angles in degrees."""
-    unit = block.fields()[name].unit
-    if unit.startswith("?y"):
-        unit = str(block.options.get("unit", "")) + unit.removeprefix("?y") if block.options.get("unit") else ""
-    factor, shown = units.display_unit("" if "?" in unit else unit)
-    return f"{number(factor * getattr(block, name))} {shown}".strip()
+def _shown(block: Any, name: str, how: str, unit_of: UnitOf) -> str:
+    """A parameter as displayed; of a unit that depends on a signal of unknown unit only what is known: ``/s``."""
+    declared = block.fields()[name].unit
+    factor, unit = units.display_unit(unit_of(name))
+    unit = unit or re.sub(r"^\?\w+", "", declared if "/?" not in declared else "")
+    return f"{number(factor * getattr(block, name))} {unit if how == 'unit' else ''}".strip()
 
 
 class Numbers(string.Formatter):

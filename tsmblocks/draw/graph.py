@@ -11,6 +11,7 @@ import attrs
 from tsmblocks.draw import cycles
 from tsmblocks.draw.faces import symbol_of
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.parameter_units import unit_of
 
 End = tuple[str, str]
 """Key of a node, and port. Blocks have their names as keys, terminals ``>name`` and ``<name``."""
@@ -23,7 +24,10 @@ GAINS = ("K",)
 
 @attrs.define(eq=False)
 class Node:
-    """One box, circle or terminal. ``ins`` and ``outs`` are the ports that have a wire."""
+    """One box, circle or terminal. ``ins`` and ``outs`` are the ports that have a wire.
+
+    ``diagram`` is the one that the block is in, which knows the units of its signals.
+    """
 
     key: str
     name: str
@@ -31,6 +35,14 @@ class Node:
     block: Any = None
     ins: tuple[str, ...] = ()
     outs: tuple[str, ...] = ()
+    diagram: Diagram | None = None
+
+    def unit_of(self, parameter: str) -> str:
+        """The unit of a parameter of the block; nothing where none is known."""
+        fields = self.block.fields()
+        if self.diagram is None or parameter not in fields:
+            return ""
+        return unit_of(f"{self.key}.{parameter}", self.diagram, [fields[parameter]])
 
     @property
     def round(self) -> bool:
@@ -115,7 +127,7 @@ def _read(diagram: Diagram, notes: Mapping[End, str]) -> tuple[dict[str, Node], 
     for name, block in diagram.blocks.items():
         ins = tuple(p for p in block.inports if (name, p) in wired)
         outs = tuple(p for p in block.outports if (name, p) in sending or notes.get((name, p)))
-        nodes[name] = Node(name, name, _shape(block, ins, outs), block, ins, outs)
+        nodes[name] = Node(name, name, _shape(block, ins, outs), block, ins, outs, diagram)
     sources = [(key, "") for key in nodes if key.startswith(">")]
     sources += [(key, port) for key, node in nodes.items() for port in node.outs]
     nets = []

@@ -64,7 +64,7 @@ class Outlines:
 
     def face(self, node: Node) -> Face:
         """What is written in a node."""
-        written = face(node.block, self.with_values)
+        written = face(node.block, self.with_values, node.unit_of)
         if node.shape == "triangle":  # small letters, so that it stays short
             return attrs.evolve(written, lines=tuple((text, float(NAME)) for text, _ in written.lines))
         return written

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
-from tsmblocks.common import arguments, units
+from tsmblocks.common import arguments
 from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.fitting.parameter_vector import Unknown
 from tsmblocks.model.block import Field, is_reference, leaves
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.parameter_units import unit_of
 from tsmblocks.model.parameters import near_path
-from tsmblocks.model.unit_inference import RATIO_OF_UNITS, SHARED_UNIT
 
 FAR = 1e100
 """A bound beyond this counts as none. Chosen."""
@@ -150,36 +149,3 @@ def unknown(name: str, diagram: Diagram, fields: list[Field], own: tuple[float, 
     unit = unit_of(name, diagram, fields)
     about = fields[0].about if fields else "shared number"
     return Unknown(name, value, low, high, unit, about)
-
-
-def unit_of(name: str, diagram: Diagram, fields: list[Field]) -> str:
-    """The unit of a number: as declared, or that which the wires give the ports of its block; ``""`` without either."""
-    declared = next((f.unit for f in fields if f.unit and "?" not in f.unit), "")
-    return declared or (_unit_of_ports(name, diagram, fields[0].unit) if fields else "")
-
-
-def _unit_of_ports(name: str, diagram: Diagram, label: str) -> str:
-    """The unit of a number that depends on those of the ports of its block, such as ``?u*s`` or ``?y/?u``."""
-    block: Any = diagram
-    *way, _ = name.split(".")
-    for part in way:
-        block = block.blocks.get(part) if isinstance(block, Diagram) else None
-    if not way or isinstance(block, Diagram | None):
-        return ""
-    ports = {**block.inports, **block.outports}
-
-    def of_letter(letter: str) -> str:
-        """The unit of the ports that share a letter."""
-        alike = [port for port, spec in ports.items() if spec.unit == f"?{letter}"]
-        return next((unit for port in alike if (unit := diagram.unit(".".join([*way, port])))), "")
-
-    if ratio := RATIO_OF_UNITS.fullmatch(label):
-        return units.quotient(of_letter(ratio[1]), of_letter(ratio[2]))
-    shared = SHARED_UNIT.fullmatch(label)
-    if shared is None:
-        return ""
-    unit = of_letter(shared[1])
-    for sign, base, power in re.findall(r"([*/])(\w+)(?:\^(\d+))?", shared[2] if unit else ""):
-        for _ in range(int(power or 1)):
-            unit = units.times(unit, base, 1 if sign == "*" else -1)
-    return unit
