@@ -48,3 +48,15 @@ def test_the_same_again_is_accepted_where_it_is_large():
 
 def test_a_small_second_effect_has_to_be_clearly_significant():
     assert accepted_count(rounds([2.13, 1.09, 1.0], [DRIFT, ("drift", "")], significance=1.5), SEARCH) == 1
+
+
+@pytest.mark.parametrize(
+    ("losses", "count"),
+    [
+        pytest.param([3.1, 2.0, 1.85, 1.1], 3, id="together they remove nearly all of the rest"),
+        pytest.param([3.1, 2.0, 1.85, 1.4], 1, id="too much is left"),
+        pytest.param([9.0, 1.95, 1.85, 1.1], 1, id="together they remove as little as an error of form"),
+    ],
+)
+def test_a_large_effect_behind_a_small_one_is_accepted_with_it(losses, count):
+    assert accepted_count(rounds(losses, [DRIFT, FRICTION, ("backlash", "")]), SEARCH) == count

@@ -91,6 +91,17 @@ def test_a_significant_one_is_named_before_a_better_one_that_is_not(far):
     assert verdict.named is (other if far > 1 else None)
 
 
+def test_of_equal_ones_that_within_its_bounds_is_named():
+    at_bound, within = stand_in(BASE - 2.0 + 0.02 * NOISE[1]), stand_in(BASE - 1.995 + 0.02 * NOISE[1])
+    item = at_bound.model.problem.unknowns.items[1]
+    item.parameter, item.high = "b.p1", 0.0
+    assert at_bound.at_bounds == ("p1",)
+    assert not at_bound.disqualifying_bounds
+    verdict = decide(BASE, [at_bound, within], PART, 1.0, 0)
+    assert verdict.named is within
+    assert at_bound in verdict.indistinguishable
+
+
 def test_a_significant_one_that_may_not_be_named_is_not():
     unsure = 40.0 * np.array([1.0, -1.0] * 30)
     best, losses = stand_in(BASE - 1.0 - unsure, name="best"), BASE - 0.9 + 0.02 * NOISE[1]

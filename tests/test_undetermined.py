@@ -47,12 +47,18 @@ def test_the_last_one_goes_where_it_made_a_better_one_open(left_out):
 
 
 def test_a_simpler_variant_of_an_effect_that_was_left_out_has_its_turn():
-    wide, narrow, own = (
-        SimpleNamespace(name="creep", free=free, local=local)
-        for free, local in ((("share", "time"), ()), (("share",), ()), (("share",), ("share",)))
+    wide, narrow, own, other = (
+        SimpleNamespace(name="creep", free=free, local=local, variant=variant)
+        for free, local, variant in (
+            (("share", "time"), (), ""),
+            (("share",), (), "broad"),
+            (("share",), ("share",), "own sizes"),
+            (("share", "width"), (), "bow"),
+        )
     )
     assert undetermined._may_follow(narrow, wide)
     assert undetermined._may_follow(narrow, own)
+    assert undetermined._may_follow(other, wide)
     assert not undetermined._may_follow(wide, wide)
     assert not undetermined._may_follow(wide, narrow)
     assert undetermined._may_follow(SimpleNamespace(name="lag", free=("time",), local=()), narrow)

@@ -34,7 +34,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     together remove ``MIN_JOINT_SHARE``. A further one is accepted if it removes a material share of the remaining
     excess and is no mere error of form of those before: such errors are small beside the noise and beside what was
     removed, and depend on the motion where those before do, or on time. One that leaves noise only is accepted all the
-    same where it is clearly significant and no second effect of the same name.
+    same where it is clearly significant and no second effect of the same name. Several further ones are accepted that
+    together remove ``MIN_JOINT_SHARE`` of what remained, and more than errors of form do.
 
     None are accepted that leave more than a candidate at a disqualifying bound would.
     """
@@ -59,6 +60,10 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             complete = share_of_rest >= MIN_JOINT_SHARE and rounds[k - 1].verdict.significance >= CLEAR_SIGNIFICANCE
             complete = complete and not _is_named_before(rounds, k - 1)
             count = k if large or not form_error or complete else count
+        elif count < k - 1:  # with those in between that were not accepted alone
+            together = losses[count] - losses[k]
+            material = together >= MIN_SHARE_OF_REMOVED * (before - losses[k])
+            count = k if material and together >= MIN_JOINT_SHARE * (losses[count] - noise) else count
     return count
 
 

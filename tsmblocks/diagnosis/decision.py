@@ -233,7 +233,7 @@ def decide(
         for one in indistinguishable
         if one.tenable and one.loss >= best.loss and before - one.loss >= SIMPLER_EFFECT_SHARE * removed
     ]
-    named = _simplest(min(close, key=lambda one: (one.parameter_count, one.loss)), ranking, before)
+    named = _simplest(min(close, key=_order_of_naming), ranking, before)
     named = _at_output(named, close)
     special_case = named not in indistinguishable  # a more general form of it with the same loss adds nothing
     others = [
@@ -295,6 +295,14 @@ def _is_of_sensor(one: FittedCandidate) -> bool:
     """Whether a candidate is on the wire to a measured output that drives nothing else."""
     point = one.candidate.point
     return point.before == point.output
+
+
+def _order_of_naming(one: FittedCandidate) -> tuple[int, bool, float]:
+    """The order in which candidates that remove nearly as much are named: of as many parameters, one within its bounds.
+
+    A shape at a bound is a limit of its form, and the size beside it is then not determined.
+    """
+    return one.parameter_count, bool(one.at_bounds), one.loss
 
 
 def _best_significant(significant: Sequence[FittedCandidate], least: float, before: float) -> FittedCandidate | None:

@@ -54,8 +54,9 @@ def without_undetermined(
 
 
 def _may_follow(one: Effect | Relative, gone: Effect) -> bool:
-    """Whether an effect is still a candidate after one was left out: another, or a variant of fewer parameters."""
-    return one.name != gone.name or (len(one.free), len(getattr(one, "local", ()))) < (len(gone.free), len(gone.local))
+    """Whether an effect is still a candidate after one was left out: another, or a variant without more parameters."""
+    more = (len(one.free), len(getattr(one, "local", ()))) > (len(gone.free), len(gone.local))
+    return one.name != gone.name or not (more or getattr(one, "variant", "") == gone.variant)
 
 
 def _is_determined(one: FittedCandidate, model: Model, base: Model) -> bool:
