@@ -63,8 +63,9 @@ class Block:
     ``sampled = True`` (and an option ``period``) is updated as the run starts and every period after, its outputs held
     in between; any other is updated once at the start of each step. ``source`` names the origin of the equations
     (paper, book, "definition"); ``symbol`` is the text in drawings, ``symbol_with_values`` the text that shows
-    parameters, named in braces: ``"{gain}/({time_constant:s}+1)"``; ``{level:unit}`` adds the unit. One that
-    ``switches`` its diagram ("enable", "trigger") has an output ``on`` that says when the diagram acts.
+    parameters, named in braces: ``"{gain}/({time_constant:s}+1)"``; ``{level:unit}`` adds the unit of its signal,
+    ``{low:value}`` is the number alone, angles in degrees. One that ``switches`` its diagram ("enable", "trigger") has
+    an output ``on`` that says when the diagram acts.
 
     Parameters
     ----------
