@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.model import COARSE_TOLERANCE, FINE_TOLERANCE, Model, optimized
+from tsmblocks.diagnosis.piece_states import continued
 from tsmblocks.fitting.memories import placed
 
 COST_TOLERANCE = 1e-4
@@ -77,9 +78,12 @@ def _improved(model: Model) -> Model | None:
 
 
 def _starts(model: Model) -> Iterator[np.ndarray]:
-    """Starting points (n,): memories where the recordings begin, if that lowers the loss; the idle ones at their first
-    values, at either edge of their range, and in its middle.
+    """Starting points (n,): states of pieces as the pieces before them have them; memories where the recordings begin,
+    if that lowers the loss; the idle ones at their first values, at either edge of their range, and in its middle.
     """
+    of_pieces = continued(model)
+    if not np.array_equal(of_pieces, model.theta):
+        yield of_pieces
     idle, unknowns = _idle(model), model.problem.unknowns
     at_recordings = placed(model.problem, model.theta)
     if not np.array_equal(at_recordings, model.theta):
