@@ -140,6 +140,17 @@ def test_a_bound_may_be_held_from_the_start():
     assert found.active == ("the lower bound of offset.bias (0)",)
 
 
+def test_a_small_parameter_within_its_bounds_is_at_none():
+    """A leak of 1e-11 is as far from zero as a gain of one."""
+    t = np.linspace(0.0, 10.0, 400)
+    x, noise = np.sin(t), np.random.default_rng(1).normal(0.0, 1e-13, len(t))
+    leak = tsm.Diagram(blocks={"leak": Gain(gain=2e-11)}, inputs={"x": "leak.u"}, outputs={"y": "leak"})
+    measured = tsm.Record("run", t, {"x": x, "y": 1e-11 * x + noise}, {"x": "", "y": ""})
+    found = tsm.fit(leak, measured, bounds={"leak.gain": (0.0, 1e-10)}, starts=1)
+    assert found.active == ()
+    assert found["gain"].low < 1e-11 < found["gain"].high
+
+
 def test_a_bound_that_a_block_excludes_is_not_reached():
     """The best time constant of an output ahead of its input is below zero."""
     ahead = np.interp(T + 0.05, T, U)

@@ -208,7 +208,7 @@ def active_constraints(problem: Problem, theta: np.ndarray) -> tuple[dict[int | 
     words: dict[int | str, str] = {}
     rows = []
     for k, item in enumerate(problem.unknowns.items):
-        near = TOUCHING * max(abs(theta[k]), 1e-3)
+        near = TOUCHING * max(abs(theta[k]), abs(item.start))  # of its own size, which may be that of a leak
         for bound, side in ((item.low, "lower"), (item.high, "upper")):
             if abs(theta[k] - bound) <= near:
                 words[k] = f"the {side} bound of {item.name} ({bound:.4g})"
