@@ -55,16 +55,22 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             first = share_of_rest >= MIN_EXCESS_SHARE and count == k - 1
             count = k if first or joint_share >= MIN_JOINT_SHARE else count
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
-            all_removed = before - losses[k]
-            form_error = removed < MIN_SHARE_OF_REMOVED * all_removed and _is_like_those_before(rounds, k - 1)
-            complete = share_of_rest >= MIN_JOINT_SHARE and rounds[k - 1].verdict.significance >= CLEAR_SIGNIFICANCE
-            complete = complete and not _is_named_before(rounds, k - 1)
-            count = k if large or not form_error or complete else count
+            small = removed < MIN_SHARE_OF_REMOVED * (before - losses[k])
+            complete = share_of_rest >= MIN_JOINT_SHARE
+            count = k if large or not (small and _is_error_of_form(rounds, k - 1, complete)) else count
         elif count < k - 1:  # with those in between that were not accepted alone
             together = losses[count] - losses[k]
             material = together >= MIN_SHARE_OF_REMOVED * (before - losses[k])
             count = k if material and together >= MIN_JOINT_SHARE * (losses[count] - noise) else count
     return count
+
+
+def _is_error_of_form(rounds: Sequence[SearchRound], k: int, complete: bool) -> bool:
+    """Whether a small effect of round ``k`` is an error of form of those before; ``complete``: it leaves noise only."""
+    if not _is_like_those_before(rounds, k):
+        return False
+    clear = rounds[k].verdict.significance >= CLEAR_SIGNIFICANCE
+    return not (complete and clear) or _is_named_before(rounds, k)
 
 
 def _is_like_those_before(rounds: Sequence[SearchRound], k: int) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from tsmblocks.blocks import Bias
 from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.acceptance import MIN_EXCESS_SHARE
-from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
+from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.critical_gains import critical_gains
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
@@ -25,8 +25,6 @@ from tsmblocks.effects import Effect, Relative, Replacement
 from tsmblocks.effects.sizes import MILLISECONDS
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 from tsmblocks.fitting.inner_products import square
-from tsmblocks.fitting.parameters import numbers
-from tsmblocks.model.diagram import Diagram
 
 MAX_RANGES = 3.0
 """Size of an effect, over the range of the signal on which it acts, from which it makes no sense. Chosen."""
@@ -158,18 +156,9 @@ def _in_words(moves: Mapping[str, float], base: Model, size: float, unit: str) -
     names = dict.fromkeys((name.partition("@")[0] for name in moves), "")
     if len(moves) == 1 and size:
         (name, move), (k, shown) = next(iter(moves.items())), display_unit(unit)
-        if (own := _unit_of(base.diagram, name)) and shown:
+        if (own := unit_of(base.diagram, name)) and shown:
             names[name] = f"{in_display_units(abs(move) / (k * size), own)} per {shown}"
     return names
-
-
-def _unit_of(diagram: Diagram, parameter: str) -> str:
-    """The unit of a parameter; of a constant, that of its signal."""
-    fields = numbers(diagram).get(parameter)
-    constant = fields and fields[0].unit == "?y"
-    return unit_of(diagram, parameter) or (
-        unit_of_signal(diagram, f"{parameter.rpartition('.')[0]}.y") if constant else ""
-    )
 
 
 def _names_with_a_place(diagnosed: DiagnosedPart, screened: SearchRound) -> set[str]:

@@ -243,8 +243,7 @@ def pose_extended(
         states = [*(k for k in equations(diagram).x if k in known), *_initial_lists(diagram), *begins]
         states = [k for k in states if k not in had or k in begins]
         local += [k for k in dict.fromkeys(states) if k not in local]
-    steps = {one.name: one.times.h for one in model.setup.experiments}
-    diagram = diagram.with_simulation(attrs.evolve(diagram.simulation, step=steps))
+    diagram = diagram.with_simulation(attrs.evolve(diagram.simulation, step=model.setup.steps))
     settings = attrs.evolve(settings, step=None)  # those of the model, of each experiment its own
     problem, setup = pose_model(
         diagram, records, settings, free, {**_widest_bounds(items, known), **(bounds or {})}, local

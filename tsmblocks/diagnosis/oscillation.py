@@ -19,7 +19,7 @@ PERIODS = ("frequency", "cycles")
 
 
 def is_oscillation(candidate: Candidate) -> bool:
-    """Whether an effect has a period of its own, so that two of them with different periods are two effects."""
+    """Whether an effect is periodic; two of them with different periods are two effects."""
     return any(name in PERIODS for name in candidate.effect.free)
 
 

@@ -14,7 +14,8 @@ from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, axis_title, binned, coordinates
 from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
-from tsmblocks.fitting.parameters import numbers, unknown
+from tsmblocks.fitting.parameters import numbers
+from tsmblocks.model import parameter_units
 from tsmblocks.model.diagram import Diagram
 
 MIN_BIN_BLOCKS = 3
@@ -54,7 +55,7 @@ def in_display_units(value: float, unit: str) -> str:
 def unit_of(diagram: Diagram, parameter: str) -> str:
     """The unit of a parameter of a diagram, ``"tsm.theta"``; empty where none is known."""
     fields = numbers(diagram).get(parameter)
-    return unknown(parameter, diagram, fields, None).unit if fields else ""
+    return parameter_units.unit_of(parameter, diagram, fields) if fields else ""
 
 
 def main_parameter(effect: NamedEffect, segment: Segment) -> str:

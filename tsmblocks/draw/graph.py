@@ -39,10 +39,9 @@ class Node:
 
     def unit_of(self, parameter: str) -> str:
         """The unit of a parameter of the block; nothing where none is known."""
-        fields = self.block.fields()
-        if self.diagram is None or parameter not in fields:
+        if self.diagram is None:
             return ""
-        return unit_of(f"{self.key}.{parameter}", self.diagram, [fields[parameter]])
+        return unit_of(f"{self.key}.{parameter}", self.diagram, [self.block.fields()[parameter]])
 
     @property
     def round(self) -> bool:

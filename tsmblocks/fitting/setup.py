@@ -59,6 +59,11 @@ class Setup:
         """Interpolation of inputs between samples, for all or by input; ``"auto"`` where experiments differ."""
         return in_one_word(common_holds((one.record, one.hold) for one in self.experiments))
 
+    @property
+    def steps(self) -> dict[str, float]:
+        """The step [s] of each experiment."""
+        return {one.name: one.times.h for one in self.experiments}
+
     def prepared(self, e: int, *, record: Record | None = None, step: float | None = None) -> Experiment:
         """An experiment with another recording, or another step in s. Raises as ``prepare`` does."""
         one = self.experiments[e]
@@ -179,8 +184,7 @@ def experiment_starts(setup: Setup) -> tuple[dict[str, float], ...]:
 
 def simulated_as(setup: Setup, starts: Sequence[Mapping[str, float]]) -> Simulation:
     """How the experiments were simulated, with the initial states, so that a file reproduces the simulation."""
-    steps = {experiment.name: experiment.times.h for experiment in setup.experiments}
-    first = setup.experiments[0]
+    steps, first = setup.steps, setup.experiments[0]
     own = {experiment.name: values for experiment, values in zip(setup.experiments, starts, strict=True) if values}
     return Simulation(
         step=first.times.h if len(set(steps.values())) == 1 else steps,

@@ -82,7 +82,7 @@ def summarise(
         method=method,
         searches=tuple(searches),
         agreeing=sum(abs(end.cost - best.cost) <= SAME * variance for end in searches),
-        step=min(experiment.times.h for experiment in setup.experiments),
+        step=min(setup.steps.values()),
         integrator=first.rule.name,
         hold=setup.hold,
         records={experiment.name: experiment.record for experiment in setup.experiments},
@@ -208,7 +208,7 @@ def active_constraints(problem: Problem, theta: np.ndarray) -> tuple[dict[int | 
     words: dict[int | str, str] = {}
     rows = []
     for k, item in enumerate(problem.unknowns.items):
-        near = TOUCHING * max(abs(theta[k]), abs(item.start))  # of its own size, which may be that of a leak
+        near = TOUCHING * max(abs(theta[k]), abs(item.start))  # relative: a parameter may have any size
         for bound, side in ((item.low, "lower"), (item.high, "upper")):
             if abs(theta[k] - bound) <= near:
                 words[k] = f"the {side} bound of {item.name} ({bound:.4g})"
