@@ -53,8 +53,8 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
         " ".join(sentences),
         tuple(e for s in segments for e in s.effects),
         segments,
-        _whole_diagram(diagram, request, parts, with_effects=False),
-        _whole_diagram(diagram, request, parts, with_effects=True),
+        _whole_diagram(diagram, parts, with_effects=False),
+        _whole_diagram(diagram, parts, with_effects=True),
         None if isinstance(control, str) else control,
         tuple(dict.fromkeys(notes)),
         "interrupted" if interrupted else "done",
@@ -71,9 +71,7 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
     )
 
 
-def _whole_diagram(
-    diagram: Diagram, request: Request, parts: Sequence[DiagnosedPart], *, with_effects: bool
-) -> Diagram:
+def _whole_diagram(diagram: Diagram, parts: Sequence[DiagnosedPart], *, with_effects: bool) -> Diagram:
     """The whole diagram with the fitted parameters, and with the blocks of the named effects."""
     result = diagram
     for diagnosed in parts:
@@ -83,14 +81,12 @@ def _whole_diagram(
             result = in_whole_diagram(c.point, diagnosed.part).put(result, c.block, last.fitted_diagram.blocks[c.block])
         own = last.parameters()
         result = result.untied(own).with_parameters(own)
-    result = _with_simulation(result, request, parts, [one.models[-1 if with_effects else 0] for one in parts])
+    result = _with_simulation(result, parts, [one.models[-1 if with_effects else 0] for one in parts])
     named = [one.candidate.block for diagnosed in parts for one in diagnosed.named] if with_effects else []
     return result.rewire(title=f"{diagram.title}, with {listed(named, 3)}".lstrip(", ")) if named else result
 
 
-def _with_simulation(
-    diagram: Diagram, request: Request, parts: Sequence[DiagnosedPart], models: Sequence[Model]
-) -> Diagram:
+def _with_simulation(diagram: Diagram, parts: Sequence[DiagnosedPart], models: Sequence[Model]) -> Diagram:
     """The diagram with the settings of its simulation, so that a run on the recordings reproduces their errors.
 
     Its own initial states are those of the first recording. A simulation that restarted within a recording is known by
@@ -102,7 +98,7 @@ def _with_simulation(
         step=next(iter(steps.values())) if len(set(steps.values())) == 1 else steps,
         method=first.rule.name,
         hold=hold if isinstance(hold, str) else {k: v for k, v in hold.items() if k in diagram.inputs},
-        condition=tuple(diagram.inputs) if request.condition else (),
+        condition=tuple(k for k in diagram.inputs if any(k in one.filtered for one in parts)),
         start={name: own for name, own in starts.items() if own},
     )
     return diagram.with_parameters(next(iter(starts.values()), {})).with_simulation(simulation)
@@ -137,7 +133,7 @@ def _simulated(request: Request, parts: Sequence[DiagnosedPart]) -> Simulated:
         if experiment_of(experiment.name) != experiment.name:
             t = experiment.record.t
             pieces[experiment.name] = (float(t[0]), float(experiment.t[0]), float(t[-1]))
-    inputs = dict.fromkeys(k for diagnosed in parts for k in diagnosed.part.diagram.inputs if request.condition)
+    inputs = dict.fromkeys(k for diagnosed in parts for k in diagnosed.filtered)
     return Simulated(
         *_starts_and_steps([diagnosed.final for diagnosed in parts]),
         tuple(k for diagnosed in parts for k in diagnosed.part.outputs),
@@ -159,6 +155,14 @@ def _hold_text(hold: Hold) -> str:
     return hold if isinstance(hold, str) else ", ".join(f"{name} {one}" for name, one in hold.items())
 
 
+def _inputs_text(parts: Sequence[DiagnosedPart]) -> str:
+    """How the noise of inputs was dealt with, in words."""
+    exact = [k for one in parts for k in one.part.diagram.inputs if k not in one.filtered]
+    if not any(one.filtered for one in parts):
+        return "as recorded"
+    return f"noise filtered out (zero phase){f', {listed(exact)} as recorded' if exact else ''}"
+
+
 def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]:
     """The options of the diagnosis, in words."""
     settings = request.settings
@@ -175,7 +179,7 @@ def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]
         **({"bounds": ", ".join(map(str, settings.bounds))} if settings.bounds else {}),
         **({"local": ", ".join(settings.local)} if settings.local else {}),
         "start states": "estimated for each experiment" if settings.start_states else "as in the diagram",
-        "inputs": "noise filtered out (zero phase)" if request.condition else "as recorded",
+        "inputs": _inputs_text(parts),
         "step": f"{' to '.join(f'{h:.4g}' for h in (steps[:1] + steps[1:][-1:]))} s"
         f" ({'given' if settings.step is not None else 'chosen'})",
         "integrator": settings.integrator,

@@ -6,10 +6,10 @@ search for effects round by round, exchange early choices, and refine the step.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import attrs
 import numpy as np
 
 from tsmblocks.common.arguments import as_positive
@@ -17,52 +17,32 @@ from tsmblocks.common.errors import RunError
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.interrupt import defer_interrupt
 from tsmblocks.common.one_thread import on_one_thread
-from tsmblocks.data import Record
-from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
+from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
-from tsmblocks.diagnosis.evidence import evidence
+from tsmblocks.diagnosis.evidence import Evidence, evidence
 from tsmblocks.diagnosis.exchangeable import exchange_notes
 from tsmblocks.diagnosis.forward_selection import exchange_effects, forward_search
-from tsmblocks.diagnosis.initial_states import clip_idle_memories, refine_memories, reset_idle_memories
-from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
-from tsmblocks.diagnosis.noise_floor import (
-    NoiseFloors,
-    doubtful_floors,
-    input_noise_rms,
-    lowered_noise_floors,
-    noise_floors,
-    noise_level,
-    propagated_input_noise,
-)
-from tsmblocks.diagnosis.partition import (
-    MAX_GROWN_ERROR,
-    Part,
-    has_lasting_memory,
-    partition,
-    piece_lengths,
-    split_into_pieces,
-    total_delay,
-    within_windows,
-)
+from tsmblocks.diagnosis.initial_states import clip_idle_memories
+from tsmblocks.diagnosis.model import Model, ProgressCallback
+from tsmblocks.diagnosis.noise_floor import doubtful_floors, input_noise_rms, noise_level, propagated_input_noise
+from tsmblocks.diagnosis.partition import Part, partition
 from tsmblocks.diagnosis.plain_states import with_plain_states
+from tsmblocks.diagnosis.preparation import Prepared, prepared
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
-from tsmblocks.diagnosis.signs import with_signs
 from tsmblocks.diagnosis.stand_in import stands_in
 from tsmblocks.diagnosis.time_and_distance import only_frequency
 from tsmblocks.diagnosis.undetermined import without_undetermined
 from tsmblocks.diagnosis.varying_factor import varying_factor
-from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.fitting.recordings import Data
 from tsmblocks.fitting.text import flipped_gains
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.compiled import equations
 
 
 @on_one_thread
@@ -214,34 +194,36 @@ def _without_result(limit: float | None) -> RunError:
 
 
 def _diagnosed(
-    part: Part, request: Request, progress: ProgressCallback, notes: list[str]
+    part: Part, request: Request, progress: ProgressCallback, notes: list[str], commands: Commands = NO_COMMANDS
 ) -> tuple[DiagnosedPart, bool]:
-    """All steps for one part of the diagram, and whether Ctrl-C ended the search early."""
-    records, settings = _conditioned(part, request, progress, notes), request.settings
-    raw, compared = request.records, within_windows(request.records, settings.window)
-    floors = noise_floors(compared, part.diagram, part.outputs, request.noise_floors)
-    settings = settings.restricted_to(part.diagram, part.outputs, floors.sigma)
-    settings = attrs.evolve(settings, hold=_holds(part, records, settings, notes))
-    rounds, search, interrupted = list[SearchRound](), None, False
+    """All steps for one part of the diagram, and whether Ctrl-C ended the search early.
+
+    ``commands`` are inputs that are known to be commands. Where the models with effects show more of them, the search
+    begins anew: what was found beside a wrong input may be wrong.
+    """
+    ready = prepared(part, request, progress, commands)
+    found, interrupted, found_notes = _searched(ready, progress)
+    if not interrupted and (more := ready.commands_of(*found.models[1:])):
+        with contextlib.suppress(KeyboardInterrupt):
+            return _diagnosed(part, request, progress, notes, ready.commands.joined(more))
+        interrupted = True
+    notes += [*ready.notes, *found_notes]
+    return found, interrupted
+
+
+def _searched(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPart, bool, list[str]]:
+    """The search for effects in a part, whether Ctrl-C ended it early, and notes on what it found."""
+    part, request, settings, floors, base = ready.part, ready.request, ready.settings, ready.floors, ready.base
+    rounds, interrupted = list[SearchRound](), False
+    predicted = evidence(base, settings.seed)
+    search = _context(ready, predicted, progress)
     try:
-        if (piece := _piece_length(part, records, settings, progress)) is not None:
-            records, raw, settings = _in_pieces(part, piece, records, compared, settings)
-            notes.append(f"{part.name}: the plant integrates, so its simulation restarts every {piece:g} s.")
-        base, floors, lowered = _base(part, records, settings, progress, floors, compared)
-        settings = attrs.evolve(settings, sigma=floors.sigma)
-        notes += [*floors.notes, *lowered]
-        predicted = evidence(base, settings.seed)
-        inputs = tuple(part.diagram.inputs) if request.condition else ()
-        noise = noise_level(floors, propagated_input_noise(base, raw, inputs, settings.seed), predicted.rest)
-        removed = input_noise_rms(part.diagram, records, raw, inputs)
-        blocks, line = time_blocks(base.problem), only_frequency(records, tuple(part.diagram.inputs))
-        search = SearchContext(records, settings, request.effects, blocks, noise, progress, line, removed)
         forward_search(base, {}, search, rounds)
         rounds, recurring, omitted = _revised(rounds, search)
         count = accepted_count(rounds, search)
         final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
     except KeyboardInterrupt:
-        if search is None or not rounds:
+        if not rounds:
             raise
         interrupted, recurring, more_notes, omitted = True, [], [], []
         final = rounds[count := accepted_count(rounds, search)].base
@@ -251,10 +233,22 @@ def _diagnosed(
         count, final, left, more_notes = 0, rounds[0].base, predicted, []
         varying = varying_factor(final, settings.seed)
     found_in_final = _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
-    notes += doubtful_floors(floors, final.residual_rms, part.diagram)
+    notes = doubtful_floors(floors, final.residual_rms, part.diagram)
     notes += [f"{part.name}: {text}" for text in [*recurring, *more_notes, *found_in_final]]
     final = final if interrupted else with_plain_states(final)
-    return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted), interrupted
+    found = DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted, ready.filtered)
+    return found, interrupted, notes
+
+
+def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -> SearchContext:
+    """What all rounds of the search for effects in a part share."""
+    request, seed, inputs = ready.request, ready.settings.seed, ready.part.diagram.inputs
+    noise = noise_level(
+        ready.floors, propagated_input_noise(ready.base, ready.raw, ready.filtered, seed), predicted.rest
+    )
+    removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered)
+    blocks, line = time_blocks(ready.base.problem), only_frequency(ready.records, tuple(inputs))
+    return SearchContext(ready.records, ready.settings, request.effects, blocks, noise, progress, line, removed)
 
 
 def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[SearchRound], list[str], list[Omission]]:
@@ -268,77 +262,3 @@ def _notes_on(final: Model, diagram: Diagram, noise_variance: float) -> list[str
     """Notes on the parameters of the last model: limits, signs, and, with a noise variance, what may be exchanged."""
     exchanged = exchange_notes(final, noise_variance) if noise_variance > 0 else []
     return [*limit_notes(final), *flipped_gains(diagram.parameters, final.values), *exchanged]
-
-
-def _conditioned(part: Part, request: Request, progress: ProgressCallback, notes: list[str]) -> Mapping[str, Record]:
-    """The recordings with the noise of measured inputs filtered out."""
-    raw, names = request.records, tuple(part.diagram.inputs)
-    progress("conditioned", 0, 1)
-    records = all_conditioned(raw, names) if request.condition else dict(raw)
-    notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
-    return records
-
-
-def _holds(part: Part, records: Mapping[str, Record], settings: ModelSettings, notes: list[str]) -> Hold:
-    """Interpolation of the inputs of a part between samples, from whole recordings: pieces of them show too little."""
-    names, orders, found = list(part.diagram.inports), equations(part.diagram).orders, []
-    for name, record in records.items():
-        holds = resolved_holds(record, names, settings.hold, orders)
-        notes += [f"{name}: {text}" for text in hold_notes(record, holds, settings.hold)]
-        found.append((record, holds))
-    return in_one_word(common_holds(found))
-
-
-def _piece_length(
-    part: Part, records: Mapping[str, Record], settings: ModelSettings, progress: ProgressCallback
-) -> float | None:
-    """How long [s] the simulation runs until it restarts, None for whole recordings.
-
-    Where the plant integrates, errors grow with time: the longest pieces are taken in which those of the base do not
-    exceed ``MAX_GROWN_ERROR``, since each restart has initial states that absorb small and slow errors.
-    """
-    if not has_lasting_memory(part.diagram, records, settings):
-        return None
-    whole, delay = within_windows(records, settings.window), total_delay(part.diagram)
-    lengths = [None, *piece_lengths(whole)]
-    for length in lengths[:-1]:
-        some, windows = (records, settings.window) if length is None else split_into_pieces(whole, delay, length)
-        tried = attrs.evolve(settings, window=windows)
-        model = calibrate(part.diagram, some, tried, lambda *_: progress("calibrated", 0, 1))
-        if model.mean_square <= MAX_GROWN_ERROR:
-            return length
-    return lengths[-1]
-
-
-def _in_pieces(
-    part: Part, length: float, records: Mapping[str, Record], raw: Mapping[str, Record], settings: ModelSettings
-) -> tuple[Mapping[str, Record], Mapping[str, Record], ModelSettings]:
-    """Recordings in pieces [s], with and without the noise of their inputs; settings with their windows."""
-    delay = total_delay(part.diagram)
-    pieces, windows = split_into_pieces(within_windows(records, settings.window), delay, length)
-    return pieces, split_into_pieces(raw, delay, length)[0], attrs.evolve(settings, window=windows)
-
-
-def _base(
-    part: Part,
-    records: Mapping[str, Record],
-    settings: ModelSettings,
-    progress: ProgressCallback,
-    floors: NoiseFloors,
-    compared: Mapping[str, Record],
-) -> tuple[Model, NoiseFloors, list[str]]:
-    """The base, fitted again where its residual lowers a noise floor; the floors, and notes on them."""
-    base = _calibrated(part, records, settings, progress)
-    floors, lowered = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
-    if floors.sigma != settings.sigma:
-        base = _calibrated(part, records, attrs.evolve(settings, sigma=floors.sigma), progress)
-    return base, floors, lowered
-
-
-def _calibrated(
-    part: Part, records: Mapping[str, Record], settings: ModelSettings, progress: ProgressCallback
-) -> Model:
-    """The base: the part with its own parameters fitted, and the initial states of its memories."""
-    progress("calibrated", 0, 1)
-    model = calibrate(part.diagram, records, settings, lambda *_: progress("calibrated", 0, 1))
-    return nearest(reset_idle_memories(refine_memories(with_signs(model, part.diagram.parameters))))

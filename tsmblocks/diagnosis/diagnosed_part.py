@@ -57,6 +57,8 @@ class DiagnosedPart:
     """The coordinate to which the final model's residual is proportional by a factor that varies."""
     omitted: Sequence[Omission] = ()
     """The effects that were accepted at first and then left out."""
+    filtered: tuple[str, ...] = ()
+    """The inputs whose noise was filtered out."""
 
     @property
     def blocks(self) -> TimeBlocks:

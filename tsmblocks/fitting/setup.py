@@ -64,8 +64,10 @@ class Setup:
         """The step [s] of each experiment."""
         return {one.name: one.times.h for one in self.experiments}
 
-    def prepared(self, e: int, *, record: Record | None = None, step: float | None = None) -> Experiment:
-        """An experiment with another recording, or another step in s. Raises as ``prepare`` does."""
+    def prepared(
+        self, e: int, *, record: Record | None = None, step: float | None = None, hold: Hold | None = None
+    ) -> Experiment:
+        """An experiment with another recording, another step in s, or other holds. Raises as ``prepare`` does."""
         one = self.experiments[e]
         return prepare(
             one.name,
@@ -75,7 +77,7 @@ class Setup:
             outputs=self.outputs,
             rule=one.rule,
             step=step or one.times.h,
-            hold=one.hold,
+            hold=one.hold if hold is None else hold,
             window=(one.t[0], one.t[-1]),
             backend=one.backend,
         )

@@ -1,0 +1,175 @@
+"""The recordings and the base of a part of a diagram, prepared for the search: filters, holds, pieces, noise floors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import attrs
+
+from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each
+from tsmblocks.data import Record
+from tsmblocks.data.conditioning import all_conditioned
+from tsmblocks.diagnosis.arguments import Request
+from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands, found_commands
+from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
+from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
+from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors
+from tsmblocks.diagnosis.partition import (
+    MAX_GROWN_ERROR,
+    Part,
+    has_lasting_memory,
+    piece_lengths,
+    split_into_pieces,
+    total_delay,
+    within_windows,
+)
+from tsmblocks.diagnosis.signs import with_signs
+from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
+from tsmblocks.simulation.compiled import equations
+
+
+@attrs.frozen(eq=False)
+class Prepared:
+    """A part of a diagram, its base fitted to recordings that are prepared for it.
+
+    ``raw`` are the ``records`` before noise of the inputs in ``filtered`` was removed, both in pieces where the
+    simulation restarts. ``commands`` are the inputs that the outputs showed to be commands.
+    """
+
+    part: Part
+    request: Request
+    records: Mapping[str, Record]
+    raw: Mapping[str, Record]
+    settings: ModelSettings
+    floors: NoiseFloors
+    base: Model
+    filtered: tuple[str, ...]
+    commands: Commands
+    notes: tuple[str, ...]
+
+    def commands_of(self, *models: Model) -> Commands:
+        """The inputs that the outputs show to be commands, for any of some models, beyond those that are known."""
+        given = hold_of_each(self.request.settings.restricted_to(self.part.diagram, (), {}).hold, self._inputs)
+        may_be_held = {k for k, hold in given.items() if hold == AUTO and k not in self.commands.held}
+        found = Commands()
+        for model in models:
+            found = found.joined(found_commands(model, self.raw, self.filtered, may_be_held))
+        return found
+
+    @property
+    def _inputs(self) -> tuple[str, ...]:
+        """The inputs of the part."""
+        return tuple(self.part.diagram.inputs)
+
+    @property
+    def error(self) -> float:
+        """The geometric mean of the residuals of the outputs, in their units."""
+        rms = self.base.residual_rms
+        return math.exp(sum(math.log(max(self.floors.sigma[k] * v, 1e-300)) for k, v in rms.items()) / len(rms))
+
+
+def prepared(part: Part, request: Request, progress: ProgressCallback, commands: Commands = NO_COMMANDS) -> Prepared:
+    """The recordings prepared and the base fitted; ``commands`` are those that are known already."""
+    found = _as_told(part, request, progress, commands)
+    if not (more := found.commands_of(found.base)):
+        return found
+    other = prepared(part, request, progress, commands.joined(more))
+    return other if other.error < found.error else found
+
+
+def _as_told(part: Part, request: Request, progress: ProgressCallback, commands: Commands) -> Prepared:
+    """The recordings prepared and the base fitted, with no other commands than these."""
+    notes = [f"{part.name}: {text}" for text in commands.notes]
+    filtered = tuple(k for k in part.diagram.inputs if request.condition and k not in commands.exact)
+    records, settings = _conditioned(request, filtered, progress, notes), request.settings
+    raw, compared = request.records, within_windows(request.records, settings.window)
+    floors = noise_floors(compared, part.diagram, part.outputs, request.noise_floors)
+    settings = settings.restricted_to(part.diagram, part.outputs, floors.sigma)
+    settings = attrs.evolve(settings, hold=_holds(part, records, settings, commands, notes))
+    if (piece := _piece_length(part, records, settings, progress)) is not None:
+        records, raw, settings = _in_pieces(part, piece, records, compared, settings)
+        notes.append(f"{part.name}: the plant integrates, so its simulation restarts every {piece:g} s.")
+    base, floors, lowered = _base(part, records, settings, progress, floors, compared)
+    settings = attrs.evolve(settings, sigma=floors.sigma)
+    notes += [*floors.notes, *lowered]
+    return Prepared(part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes))
+
+
+def _conditioned(
+    request: Request, inputs: tuple[str, ...], progress: ProgressCallback, notes: list[str]
+) -> Mapping[str, Record]:
+    """The recordings with the noise of measured inputs filtered out."""
+    raw = request.records
+    progress("conditioned", 0, 1)
+    records = all_conditioned(raw, inputs) if request.condition else dict(raw)
+    notes += [f"{name}: {text}" for name, r in records.items() for text in r.notes if text not in raw[name].notes]
+    return records
+
+
+def _holds(
+    part: Part, records: Mapping[str, Record], settings: ModelSettings, commands: Commands, notes: list[str]
+) -> Hold:
+    """Interpolation of the inputs of a part between samples, from whole recordings: pieces of them show too little."""
+    names, orders, found = list(part.diagram.inports), equations(part.diagram).orders, []
+    given = {**hold_of_each(settings.hold, names), **dict.fromkeys(commands.held, "zero")}
+    for name, record in records.items():
+        holds = resolved_holds(record, names, given, orders)
+        notes += [f"{name}: {text}" for text in hold_notes(record, holds, given)]
+        found.append((record, holds))
+    return in_one_word(common_holds(found))
+
+
+def _piece_length(
+    part: Part, records: Mapping[str, Record], settings: ModelSettings, progress: ProgressCallback
+) -> float | None:
+    """How long [s] the simulation runs until it restarts, None for whole recordings.
+
+    Where the plant integrates, errors grow with time: the longest pieces are taken in which those of the base do not
+    exceed ``MAX_GROWN_ERROR``, since each restart has initial states that absorb small and slow errors.
+    """
+    if not has_lasting_memory(part.diagram, records, settings):
+        return None
+    whole, delay = within_windows(records, settings.window), total_delay(part.diagram)
+    lengths = [None, *piece_lengths(whole)]
+    for length in lengths[:-1]:
+        some, windows = (records, settings.window) if length is None else split_into_pieces(whole, delay, length)
+        tried = attrs.evolve(settings, window=windows)
+        model = calibrate(part.diagram, some, tried, lambda *_: progress("calibrated", 0, 1))
+        if model.mean_square <= MAX_GROWN_ERROR:
+            return length
+    return lengths[-1]
+
+
+def _in_pieces(
+    part: Part, length: float, records: Mapping[str, Record], raw: Mapping[str, Record], settings: ModelSettings
+) -> tuple[Mapping[str, Record], Mapping[str, Record], ModelSettings]:
+    """Recordings in pieces [s], with and without the noise of their inputs; settings with their windows."""
+    delay = total_delay(part.diagram)
+    pieces, windows = split_into_pieces(within_windows(records, settings.window), delay, length)
+    return pieces, split_into_pieces(raw, delay, length)[0], attrs.evolve(settings, window=windows)
+
+
+def _base(
+    part: Part,
+    records: Mapping[str, Record],
+    settings: ModelSettings,
+    progress: ProgressCallback,
+    floors: NoiseFloors,
+    compared: Mapping[str, Record],
+) -> tuple[Model, NoiseFloors, list[str]]:
+    """The base, fitted again where its residual lowers a noise floor; the floors, and notes on them."""
+    base = _calibrated(part, records, settings, progress)
+    floors, lowered = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
+    if floors.sigma != settings.sigma:
+        base = _calibrated(part, records, attrs.evolve(settings, sigma=floors.sigma), progress)
+    return base, floors, lowered
+
+
+def _calibrated(
+    part: Part, records: Mapping[str, Record], settings: ModelSettings, progress: ProgressCallback
+) -> Model:
+    """The base: the part with its own parameters fitted, and the initial states of its memories."""
+    progress("calibrated", 0, 1)
+    model = calibrate(part.diagram, records, settings, lambda *_: progress("calibrated", 0, 1))
+    return nearest(reset_idle_memories(refine_memories(with_signs(model, part.diagram.parameters))))
