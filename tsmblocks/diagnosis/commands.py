@@ -15,15 +15,7 @@ import numpy as np
 from tsmblocks.data import Record
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.fitting.experiments import Experiment
-from tsmblocks.fitting.statistics import moved, uncertainty
-
-MAX_DISTANCE = 0.4
-"""Distance of the estimated share of an alternative from 1 up to which it is taken. Chosen: a lag or a dead time that
-is longer than the half sample by which a hold delays is no hold."""
-CLEAR = 4.0
-"""Share of an alternative, in its standard deviations, from which it is clear of 0. Chosen: recordings are not read
-otherwise on a doubt."""
+from tsmblocks.fitting.held_inputs import residuals_held, rest_with
 
 
 @attrs.frozen
@@ -60,20 +52,20 @@ NO_COMMANDS = Commands()
 def found_commands(
     model: Model, raw: Mapping[str, Record], filtered: Collection[str], may_be_held: Collection[str]
 ) -> Commands:
-    r"""The inputs of a model that its outputs show to be commands.
+    """The inputs of a model that its outputs show to be commands, of the alternatives the one with the least residual.
 
     ``raw`` are the recordings (or their pieces) before filtering, ``filtered`` the inputs whose noise was filtered out,
-    and ``may_be_held`` those whose hold was not given. An alternative is added to the residual with a share
-    :math:`\alpha` beside the parameters of the model, to first order:
-
-    .. math:: r + \alpha (r_\mathrm{alternative} - r) + J \, \Delta\theta
-
-    It is right where :math:`\alpha` is 1. Of those near 1 and clear of 0, the one with the least residual is taken.
+    and ``may_be_held`` those whose hold was not given.
     """
-    found = Commands()
+    found, bounds = Commands(), np.eye(model.J.shape[1])[model.at_bound]
     for name in model.diagram.inputs:
-        tried = [(one, _residual_with(model, raw, name, one)) for one in _alternatives(name, filtered, may_be_held)]
-        right = [(rest, one) for one, r in tried if r is not None and (rest := _rest(model, r)) is not None]
+        right = list[tuple[float, Commands]]()
+        for one in _alternatives(name, filtered, may_be_held):
+            r = _residuals(model, raw, name, one)
+            if r is None:
+                continue
+            rest = rest_with(model.J, model.r, r, model.problem.segments, bounds if len(bounds) else None)
+            right += [] if rest is None else [(rest, one)]
         if right:
             found = found.joined(min(right, key=lambda pair: pair[0])[1])
     return found
@@ -89,38 +81,19 @@ def _alternatives(name: str, filtered: Collection[str], may_be_held: Collection[
         yield Commands(held=(name,), exact=(name,))
 
 
-def _residual_with(model: Model, raw: Mapping[str, Record], name: str, as_command: Commands) -> np.ndarray | None:
-    """The residual of a model with an alternative for an input; None where it is the same, or there is none."""
-    made = list[Experiment]()
-    for e, one in enumerate(model.setup.experiments):
-        record, hold = one.record, dict(one.hold)
-        if name in as_command.exact:
-            recorded = evenly_sampled(raw[one.name])
-            if len(recorded) != len(record):
-                return None
-            record = attrs.evolve(record, signals={**record.signals, name: recorded[name]})
-        if name in as_command.held:
-            if model.setup.eq.orders.get(name, 0):  # its rate drives the model
-                return None
-            hold[name] = "zero"
-        made.append(model.setup.prepared(e, record=record, hold=hold))
-    r: np.ndarray = attrs.evolve(model.problem, experiments=tuple(made)).residuals(model.theta)
-    return r if np.isfinite(r).all() and not np.array_equal(r, model.r) else None
-
-
-def _rest(model: Model, r: np.ndarray) -> float | None:
-    """The sum of squares that is left with an alternative, whose residual is ``r``; None where it is not right."""
-    J, n, change = model.J, model.J.shape[1], r - model.r
-    with_change = attrs.evolve(
-        J, common=np.column_stack([J.common, change]), common_columns=np.append(J.common_columns, n)
-    )
-    held = np.eye(n + 1)[:-1][model.at_bound]
-    bounds = held if len(held) else None
-    share = moved(with_change, model.r, held=bounds)[-1]
-    if abs(share - 1) > MAX_DISTANCE:
-        return None
-    error = uncertainty(with_change, model.r, model.problem.segments, held=bounds).errors[-1]
-    if not share > CLEAR * error:
-        return None
-    left = r + J @ moved(J, r, held=held[:, :-1] if len(held) else None)
-    return float(np.sum(left**2))
+def _residuals(model: Model, raw: Mapping[str, Record], name: str, as_command: Commands) -> np.ndarray | None:
+    """The residuals of a model with an alternative for an input; None where it is the same, or there is none."""
+    setup = model.setup
+    if name in as_command.exact:
+        records = [evenly_sampled(raw[one.name]) for one in setup.experiments]
+        if any(len(a) != len(b.record) for a, b in zip(records, setup.experiments, strict=True)):
+            return None
+        made = (
+            setup.prepared(e, record=attrs.evolve(b.record, signals={**b.record.signals, name: a[name]}))
+            for e, (a, b) in enumerate(zip(records, setup.experiments, strict=True))
+        )
+        setup = attrs.evolve(setup, experiments=tuple(made))
+    problem = attrs.evolve(model.problem, experiments=setup.experiments)
+    if name in as_command.held:
+        return residuals_held(problem, setup, model.theta, name)
+    return problem.residuals(model.theta)

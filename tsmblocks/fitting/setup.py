@@ -53,6 +53,7 @@ class Setup:
     outputs: tuple[str, ...]
     notes: tuple[str, ...]
     finer: tuple[Experiment | None, ...] = ()  # the same at half the step, where that was tried
+    given_hold: Hold = AUTO
 
     @property
     def hold(self) -> Hold:
@@ -123,7 +124,7 @@ def set_up(
                 else "the samples are unevenly spaced"
             )
             notes.append(f"{name}: {why}, so the simulation is interpolated between its steps.")
-    return Setup(diagram, eq, tuple(made), names, tuple(notes), tuple(finer))
+    return Setup(diagram, eq, tuple(made), names, tuple(notes), tuple(finer), hold)
 
 
 def _least_division(own: float, periods: Sequence[float]) -> int:

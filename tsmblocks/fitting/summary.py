@@ -8,10 +8,12 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import ParameterError, RunError
+from tsmblocks.common.interpolation import AUTO, hold_of_each
 from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.above_noise import is_far, material_residuals, output_noise
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
+from tsmblocks.fitting.held_inputs import held_input_notes
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, Undetermined, sizes, undetermined
 from tsmblocks.fitting.input_checks import runs_ahead
 from tsmblocks.fitting.input_noise import filtered_problem, input_noise_note
@@ -91,6 +93,7 @@ def summarise(
             *limit_note(problem, optimum.theta),
             *_step_notes(problem, setup, optimum),
             *_data_notes(setup, differences),
+            *_held_input_notes(problem, setup, optimum),
             *_input_noise_notes(problem, setup, optimum),
             *_known_parameter_notes(setup, [item.parameter for item in unknowns.items]),
         ),
@@ -173,6 +176,13 @@ def _input_noise_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str
         return []
     filtered, inputs = filtered_problem(problem, setup)
     return input_noise_note(problem.unknowns.names, _moved(at, filtered), inputs, COVERED) if inputs else []
+
+
+def _held_input_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
+    """Notes on inputs whose hold was not given, where the outputs show that they are held between samples."""
+    given = hold_of_each(setup.given_hold, list(setup.diagram.inports))
+    open_ = [name for name, hold in given.items() if hold == AUTO]
+    return list(held_input_notes(problem, setup, at.theta, at.residuals, at.jacobian, at.rows, open_))
 
 
 def _moved(at: _Optimum, other: Problem) -> np.ndarray:

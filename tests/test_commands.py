@@ -1,0 +1,123 @@
+"""Commands: inputs that are held from sample to sample, or whose fast part drives the plant, are found from outputs."""
+
+import attrs
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.diagnosis.commands import Commands
+
+STEP = 0.02
+PLANT = """
+format = 1
+title = "Drive"
+wires = ["lag -> gain"]
+[blocks]
+lag = { type = "FirstOrderLag", time_constant = 0.06 }
+gain = { type = "Gain", gain = 1.5 }
+[inputs]
+u = { ports = "lag.u", unit = "V" }
+[outputs]
+y = { signal = "gain", unit = "V" }
+"""
+
+
+def motion(t):
+    """A smooth command without any step."""
+    return np.sin(2.1 * t) + 0.4 * np.sin(7.3 * t + 1.0) + 0.2 * np.sin(13.7 * t)
+
+
+def recorded(u, *, hold, told=None, sigma=0.003, seed=0, model=None):
+    """A recording of the plant, whose input ran between samples as ``hold`` says; ``told`` is what was recorded."""
+    t = STEP * np.arange(len(u))
+    run = tsm.simulate(model or tsm.loads(PLANT), inputs={"u": (t, u)}, hold=hold, stop=t[-1], step=STEP / 8)
+    y = run["y"][::8] + np.random.default_rng(seed).normal(0.0, sigma, t.size)
+    return tsm.Record("run", t, {"u": u if told is None else told, "y": y}, {"u": "V", "y": "V"})
+
+
+@pytest.fixture
+def u():
+    return motion(STEP * np.arange(1200))
+
+
+def diagnosed(record, **more):
+    return tsm.diagnose(
+        attrs.evolve(tsm.loads(PLANT)), record, effects=["dead_time", "first_order_lag", "backlash"], **more
+    )
+
+
+def told(found, words):
+    return [note for note in found.notes if words in note]
+
+
+def test_a_command_that_is_held_is_no_missing_dead_time(u):
+    found = diagnosed(recorded(u, hold="zero"))
+    assert found.verdict == "none"
+    assert found.simulated.hold == "zero"
+    assert told(found, "u is held between samples (hold='zero')")
+    assert found.augmented.parameters["lag.time_constant"] == pytest.approx(0.06, rel=0.02)
+
+
+def test_with_a_hold_that_is_given_nothing_is_tried(u):
+    found = diagnosed(recorded(u, hold="zero"), hold="cubic")
+    assert [e.name for e in found.effects] == ["dead_time"]
+    assert not told(found, "held")
+
+
+def test_a_smooth_motion_stays_smooth(u):
+    found = diagnosed(recorded(u, hold="cubic"))
+    assert found.verdict == "none"
+    assert found.simulated.hold == "cubic"
+    assert not told(found, "held")
+
+
+@pytest.mark.parametrize("delay", [0.004, 0.05])
+def test_a_dead_time_of_another_length_is_no_hold(u, delay):
+    late = tsm.loads(PLANT).insert("late", tsm.blocks.DeadTime(time=delay), before="lag.u")
+    found = diagnosed(recorded(u, hold="cubic", model=late))
+    (one,) = found.effects
+    assert (one.name, found.simulated.hold) == ("dead_time", "cubic")
+    assert next(iter(one.parameters.values())).value == pytest.approx(delay, rel=0.1)
+
+
+def test_a_hold_beside_an_effect_is_found_once_the_effect_is_named(u):
+    loose = tsm.loads(PLANT).insert("gap", tsm.blocks.Play(half_width=0.6), before="y")
+    found = diagnosed(recorded(u, hold="zero", model=loose))
+    assert [e.name for e in found.effects] == ["backlash"]
+    assert found.simulated.hold == "zero"
+
+
+def test_the_fast_part_of_a_command_drives_the_plant(u):
+    fast = u + np.random.default_rng(3).normal(0.0, 0.1, len(u))
+    found = diagnosed(recorded(fast, hold="zero"))
+    assert found.verdict == "none"
+    assert found.simulated.hold == "zero"
+    assert found.simulated.conditioned == ()
+    assert told(found, "u was not filtered")
+    assert "u as recorded" not in found.provenance.options["inputs"]  # all inputs are
+
+
+def test_noise_of_a_measured_input_is_noise(u):
+    noisy = u + np.random.default_rng(3).normal(0.0, 0.02, len(u))
+    found = diagnosed(recorded(u, hold="cubic", told=noisy))
+    assert found.simulated.conditioned == ("u",)
+    assert not told(found, "not filtered")
+
+
+def test_commands_are_joined_once_each():
+    assert Commands(("a",), ()).joined(Commands(("a", "b"), ("c",))) == Commands(("a", "b"), ("c",))
+    assert not Commands()
+
+
+def test_a_fit_says_that_an_input_is_held(u):
+    fitted = tsm.fit(tsm.loads(PLANT), recorded(u, hold="zero"))
+    (note,) = [text for text in fitted.notes if "held between samples" in text]
+    assert "hold='zero'" in note
+    better = tsm.fit(tsm.loads(PLANT), recorded(u, hold="zero"), hold="zero")
+    share = float(note.partition("would be about ")[2].partition(" ")[0])
+    assert better.rms / fitted.rms == pytest.approx(share, rel=0.15)  # to first order
+    assert not [text for text in better.notes if "held" in text]
+
+
+def test_a_fit_to_a_smooth_motion_says_nothing_of_holds(u):
+    assert not [text for text in tsm.fit(tsm.loads(PLANT), recorded(u, hold="cubic")).notes if "held" in text]

@@ -1,0 +1,77 @@
+"""Whether the recorded outputs agree with a simulation whose inputs are held between samples, or otherwise different.
+
+A command with a new value at each sample, held until the next, has the samples of a smooth motion. The simulation with
+the one or the other differs by half a sample of delay, and the outputs tell which is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import attrs
+import numpy as np
+
+from tsmblocks.fitting.inner_products import square
+from tsmblocks.fitting.jacobian import Jacobian
+from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.setup import Setup
+from tsmblocks.fitting.statistics import moved, uncertainty
+
+MAX_DISTANCE = 0.4
+"""Distance of the estimated share of an alternative from 1 up to which it is taken. Chosen: a lag or a dead time that
+is longer than the half sample by which a hold delays is no hold."""
+CLEAR = 4.0
+"""Share of an alternative, in its standard deviations, from which it is clear of 0. Chosen: recordings are not read
+otherwise on a doubt."""
+
+
+def residuals_held(problem: Problem, setup: Setup, theta: np.ndarray, name: str) -> np.ndarray | None:
+    """Residuals (N,) with an input held between samples; None where they are the same, or a rate of it is needed."""
+    if setup.eq.orders.get(name, 0) or all(one.hold[name] == "zero" for one in setup.experiments):
+        return None
+    made = (setup.prepared(e, hold={**one.hold, name: "zero"}) for e, one in enumerate(setup.experiments))
+    return attrs.evolve(problem, experiments=tuple(made)).residuals(theta)
+
+
+def rest_with(
+    J: Jacobian, r: np.ndarray, other: np.ndarray, segments: Sequence[slice], held: np.ndarray | None
+) -> float | None:
+    r"""The sum of squares that an alternative leaves, whose residuals are ``other`` (N,); None where it is not right.
+
+    The alternative is added to the residuals r with a share :math:`\alpha` beside the parameters, to first order:
+
+    .. math:: r + \alpha (r_\mathrm{other} - r) + J \, \Delta\theta
+
+    It is right where the estimate of :math:`\alpha` is near 1 and clear of 0. ``J`` (N, p) is the Jacobian, ``held``
+    (m, p) the gradients of active bounds.
+    """
+    if not np.isfinite(other).all() or np.array_equal(other, r):
+        return None
+    n = J.shape[1]
+    both = attrs.evolve(J, common=np.column_stack([J.common, other - r]), common_columns=np.append(J.common_columns, n))
+    bounds = None if held is None else np.pad(held, ((0, 0), (0, 1)))
+    share = moved(both, r, held=bounds)[-1]
+    if abs(share - 1) > MAX_DISTANCE or not share > CLEAR * uncertainty(both, r, segments, held=bounds).errors[-1]:
+        return None
+    return square(other + J @ moved(J, other, held=held))
+
+
+def held_input_notes(
+    problem: Problem,
+    setup: Setup,
+    theta: np.ndarray,
+    r: np.ndarray,
+    J: Jacobian,
+    held: np.ndarray | None,
+    may_be_held: Iterable[str],
+) -> Iterator[str]:
+    """A note on each of some inputs that the outputs show to be held between samples."""
+    for name in may_be_held:
+        other = residuals_held(problem, setup, theta, name)
+        rest = None if other is None else rest_with(J, r, other, problem.segments, held)
+        if rest is not None and rest < square(r):
+            yield (
+                f"the outputs agree with {name} held between samples, as at the output of a sampled controller, and "
+                f"not with a smooth {name}: the residual would be about {np.sqrt(rest / square(r)):.2g} of what it is. Fit "
+                "with hold='zero', or --hold zero."
+            )
