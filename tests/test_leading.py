@@ -42,6 +42,13 @@ def test_a_model_that_runs_ahead_as_much_is_no_wonder():
     assert runs_ahead(NAMES, T, X, speed, 0.5 * speed) == ""
 
 
+def test_a_lead_of_another_form_than_that_of_the_simulation_is_none():
+    y = late(-0.1, 0.0)
+    assert runs_ahead(NAMES, T, X, y, 0.9 * X)
+    unlike = 0.5 * np.sin(0.9 * T + 2.0) + 0.4 * X
+    assert runs_ahead(NAMES, T, X, y, unlike) == ""
+
+
 def exchange_effects():
     y = gap(X) + 0.003 * np.random.default_rng(2).standard_normal(len(T))
     return tsm.Record("run", T, {"x_in": y, "x_out": X}, {"x_in": "rad", "x_out": "rad"})

@@ -189,6 +189,9 @@ def test_an_experiment_whose_error_is_far_from_all_others_is_looked_at_alone():
     some = {"a": (0.1,), "b": (0.12,), "c": (0.33,)}
     (step,) = verdict_text.next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=some),)))
     assert step.startswith("Examine c separately: its error of x_out is 3.0 times that of the other experiments, so")
+    large = attrs.evolve(gap, experiments=some, noise_floor=0.02)
+    (step,) = verdict_text.next_steps(attrs.evolve(NONE, gaps=(large,)))[:1]
+    assert "so it excites most of what is missing, or it differs (a parameter, a load, a sensor)." in step
     for calm in ({"a": (0.1,), "c": (0.33,)}, {**some, "c": (0.17,)}, {**some, "b": (0.3,)}):
         assert verdict_text.next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=calm),))) == []
 
@@ -218,6 +221,10 @@ def test_the_output_furthest_above_its_noise_is_the_one_told():
         "the error of u on held-out data falls from 2.00 to 0.0200 V rms, by 98 % of the error above the noise."
         in verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(gap, other)))
     )
+    two = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(gap, other)))
+    assert "That of x_out falls from 0.520 to 0.104 deg rms (noise floor 0.100). " in two
+    worse = attrs.evolve(gap, held_out=gap.held_out[::-1])
+    assert "That of x_out grows" not in verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(worse, other)))
     bare = attrs.evolve(NAMED, gaps=(attrs.evolve(other, unit=""),))
     assert "falls from 2.00 to 0.0200 rms, by 98 %" in verdict_text.verdict_sentence(bare)
 

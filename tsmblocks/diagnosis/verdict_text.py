@@ -233,10 +233,12 @@ def _odd_experiments(segment: Segment) -> list[str]:
         others = [value for name, value in rms.items() if name != odd]
         if len(others) >= MIN_OTHERS and rms[odd] > ODD_RATIO * max(others):
             ratio = rms[odd] / np.median(others)
+            # beside a large error of all, it is the motion of this one that excites what is missing
+            known = max(others) <= ODD_RATIO * gap.noise_floor or not gap.noise_floor > 0
+            why = "something may have changed in it" if known else "it excites most of what is missing, or it differs"
             steps.append(
                 f"Examine {odd} separately: its error of {gap.output} is {ratio:.1f} times that of the other "
-                "experiments, "
-                "so something may have changed in it (a parameter, a load, a sensor)."
+                f"experiments, so {why} (a parameter, a load, a sensor)."
             )
     return steps
 
@@ -276,13 +278,31 @@ def _reduction(segment: Segment) -> str:
         f"With {them}, the error of {gap.output} on held-out data falls from {digits(k * gap.held_out[0])} to "
         f"{_rms(k * gap.held_out[-1], unit)}"
     )
-    floor = digits(k * gap.noise_floor)
+    floor, others = digits(k * gap.noise_floor), _other_outputs(segment, gap)
     if gap.held_out[-1] < REMAINING_ERROR_RATIO * gap.noise_floor or not gap.noise_floor > 0:
-        return f"{falls} (noise floor {floor}), by {percent(share)} of the error above the noise floor."
+        return f"{falls} (noise floor {floor}), by {percent(share)} of the error above the noise floor.{others}"
     if segment.complete:
-        return f"{falls}, by {percent(share)} of the error above the noise. {_noise_that_remains(gap)}"
+        return f"{falls}, by {percent(share)} of the error above the noise.{others} {_noise_that_remains(gap)}"
     by = f", by {percent(share)} of the error above the noise floor" if share < ALL_SHARE else ""
-    return f"{falls} (noise floor {floor}){by}. {_remaining(segment, gap)}"
+    return f"{falls} (noise floor {floor}){by}.{others} {_remaining(segment, gap)}"
+
+
+def _other_outputs(segment: Segment, told: Gap) -> str:
+    """A sentence on the errors of the other outputs that were above their noise floor."""
+    found = list[str]()
+    for gap in segment.gaps:
+        if gap is told or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
+            continue
+        k, unit = display_unit(gap.unit)
+        before, floor = digits(k * gap.held_out[0]), digits(k * gap.noise_floor)
+        after = _rms(k * gap.held_out[-1], unit)
+        found.append(f" That of {gap.output} {_goes(gap)} from {before} to {after} (noise floor {floor}).")
+    return "".join(found)
+
+
+def _goes(gap: Gap) -> str:
+    """Whether the error of an output falls with the effects."""
+    return "falls" if gap.held_out[-1] <= gap.held_out[0] else "grows"
 
 
 def _noise_that_remains(gap: Gap) -> str:

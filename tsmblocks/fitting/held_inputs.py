@@ -72,6 +72,6 @@ def held_input_notes(
         if rest is not None and rest < square(r):
             yield (
                 f"the outputs agree with {name} held between samples, as at the output of a sampled controller, and "
-                f"not with a smooth {name}: the residual would be about {np.sqrt(rest / square(r)):.2g} of what it is. Fit "
-                "with hold='zero', or --hold zero."
+                f"not with a smooth {name}: the residual would be about {np.sqrt(rest / square(r)):.2g} of what it is. "
+                "Fit with hold='zero', or --hold zero."
             )

@@ -24,6 +24,8 @@ def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarr
     lead = _lead(t, x, y)
     if lead <= 0 or _lead(t, x, simulated) > MOSTLY * lead or not _throughout(lead, t, x, y):
         return ""
+    if np.ptp(simulated) > 0 and not lead / SAME <= _lead(t, simulated, y) <= SAME * lead:
+        return ""  # the simulation, earlier by the lead, would not agree either
     return (
         f"{names[1]} leads {names[0]} by {lead:.2g} s, and the model has no such lead: were the two exchanged, or was "
         "one recorded late?"
