@@ -621,3 +621,11 @@ def test_a_number_per_second_of_a_port_has_a_unit_that_can_be_read():
     problem, _ = pose(diagram, made, start_states=True)
     units_of = {item.parameter: item.unit for item in problem.unknowns.items}
     assert (units_of["speed.integral"], units_of["position.integral"]) == ("m/s", "m")
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-6, 1e6, 1e12])
+def test_a_bound_on_what_hardly_acts_is_met_whatever_its_unit(size):
+    H, g = np.diag([1.0, 2.0]), np.array([1.0, 4.0])
+    d, force = quadratic_step(H, g, size * np.array([[0.0, 1.0]]), size * np.array([-0.5]), np.array([False]))
+    assert d == pytest.approx([-1.0, -0.5])
+    assert force * size == pytest.approx([3.0])

@@ -101,7 +101,13 @@ def _violated(step: np.ndarray, rows: np.ndarray, bounds: np.ndarray, equal: np.
 def _active_set(
     matrix: np.ndarray, gradient: np.ndarray, rows: np.ndarray, bounds: np.ndarray, equal: np.ndarray
 ) -> list[int]:
-    """Linearly independent constraints that are active at the solution, by DAQP."""
+    """Linearly independent constraints that are active at the solution, by DAQP.
+
+    Its tolerance is not relative: of rows that are much shorter than 1 it sees no violation. All have norm 1 here.
+    """
+    norms = np.linalg.norm(rows, axis=1)
+    norms[norms == 0] = 1.0
+    rows, bounds = rows / norms[:, None], bounds / norms
     kept = [*_independent(rows, np.flatnonzero(equal)), *np.flatnonzero(~equal)]
     rows, bounds, equal = rows[kept], bounds[kept], equal[kept]
     above = np.where(equal, bounds, np.inf)
