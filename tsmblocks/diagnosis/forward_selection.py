@@ -30,7 +30,15 @@ from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.general_forms import generalized
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.insertion_points import insertion_points
-from tsmblocks.diagnosis.model import Model, ModelSettings, converged, nearest, optimized, with_sufficient_step
+from tsmblocks.diagnosis.model import (
+    Model,
+    ModelSettings,
+    converged,
+    nearest,
+    optimized,
+    with_accurate_step,
+    with_sufficient_step,
+)
 from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.oscillation import follows_motion, repeats_another
 from tsmblocks.diagnosis.replacements import replacement_points
@@ -187,7 +195,7 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
 
 def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:
     """The base of the next round, and the shrinkage of the effects in it."""
-    model = with_sufficient_step(converged(named.model), settings)
+    model = with_accurate_step(with_sufficient_step(converged(named.model), settings), settings)
     return nearest(refine_memories(model)), {**shrinkage, **shrinkage_of(named.candidate)}
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.errors import RunError
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.data import Record
 from tsmblocks.fitting.experiments import Window
@@ -24,7 +25,7 @@ from tsmblocks.fitting.parameter_vector import Unknown
 from tsmblocks.fitting.parameters import numbers, with_initial_values
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup, pose
-from tsmblocks.fitting.step_size import following
+from tsmblocks.fitting.step_size import following, halved
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
@@ -44,6 +45,12 @@ MAX_QUICK_STEPS = 10_000
 of its fit then take less time than the optimisation."""
 SAME_OPTIMUM = 1.0
 """Difference of costs [noise variances] of two coarse searches that may be of one optimum. Chosen: as in fits."""
+
+MAX_STEP_ERROR = 0.05
+"""Mean square of what halving the step changes, up to which it is not material [that of the residual, or the noise
+variance, whichever is larger]. Chosen: a model error of that size is not material either."""
+MOST_ACCURATE_HALVINGS = 4
+"""Times that the step is halved for it, at most. Chosen: for the run time."""
 
 ProgressCallback = Callable[[str, int, int], None]
 """Called with the stage, the number of steps done, and their total."""
@@ -172,6 +179,24 @@ def with_sufficient_step(model: Model, settings: ModelSettings) -> Model:
     search = functools.partial(gauss_newton, iterations=MAX_ITERATIONS, tolerance=FINE_TOLERANCE)
     problem, setup, found = following(model.problem, model.setup, _end(model), search)
     return model if problem is model.problem else model_at(problem, setup, found)
+
+
+def with_accurate_step(model: Model, settings: ModelSettings) -> Model:
+    """The model, optimised on at finer steps while halving the step changes its residuals materially.
+
+    An effect that switches, such as dry friction beside a dead zone, makes errors at a step at which the model without
+    it is right: from those a search finds another optimum, or none. A step that was given stays.
+    """
+    for _ in range(MOST_ACCURATE_HALVINGS if settings.step is None else 0):
+        try:
+            problem, setup = halved(model.problem, model.setup)
+        except RunError:  # more steps than fit into memory
+            return model
+        change = problem.residuals(model.theta) - model.r
+        if not np.isfinite(change).all() or float(np.mean(change**2)) <= MAX_STEP_ERROR * max(model.mean_square, 1.0):
+            return model
+        model = optimized(problem, setup, model.theta, FINE_TOLERANCE)
+    return model
 
 
 def nearest(model: Model) -> Model:

@@ -13,7 +13,7 @@ from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request
 from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands, found_commands
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
-from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest
+from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors
 from tsmblocks.diagnosis.partition import (
     MAX_GROWN_ERROR,
@@ -172,4 +172,5 @@ def _calibrated(
     """The base: the part with its own parameters fitted, and the initial states of its memories."""
     progress("calibrated", 0, 1)
     model = calibrate(part.diagram, records, settings, lambda *_: progress("calibrated", 0, 1))
+    model = with_accurate_step(model, settings)
     return nearest(reset_idle_memories(refine_memories(with_signs(model, part.diagram.parameters))))
