@@ -45,6 +45,14 @@ class Commands:
         ]
 
 
+class OtherCommands(Exception):
+    """A model with effects shows inputs to be commands: what was found beside other inputs may be wrong."""
+
+    def __init__(self, found: Commands) -> None:
+        super().__init__()
+        self.found = found
+
+
 NO_COMMANDS = Commands()
 """No input is known to be a command."""
 

@@ -20,7 +20,7 @@ from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
-from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands
+from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands, OtherCommands
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
 from tsmblocks.diagnosis.evidence import Evidence, evidence
@@ -173,8 +173,9 @@ def diagnose(
         parts = iter(partition(request.diagram, request.measured))
         while not interrupted and (part := next(parts, None)) is not None:
             try:
-                one, interrupted = _diagnosed(part, request, report, notes)
+                one, interrupted, more = _diagnosed(part, request, report)
                 done.append(one)
+                notes += more
             except KeyboardInterrupt:  # before the first candidates of this part were fitted
                 interrupted = True
         timed_out = interrupted and stop.timed_out and not stop.stop
@@ -194,50 +195,42 @@ def _without_result(limit: float | None) -> RunError:
 
 
 def _diagnosed(
-    part: Part, request: Request, progress: ProgressCallback, notes: list[str], commands: Commands = NO_COMMANDS
-) -> tuple[DiagnosedPart, bool]:
-    """All steps for one part of the diagram, and whether Ctrl-C ended the search early.
+    part: Part, request: Request, progress: ProgressCallback, commands: Commands = NO_COMMANDS
+) -> tuple[DiagnosedPart, bool, list[str]]:
+    """All steps for one part of the diagram, whether Ctrl-C ended the search early, and notes.
 
-    ``commands`` are inputs that are known to be commands. Where the models with effects show more of them, the search
-    begins anew: what was found beside a wrong input may be wrong.
+    ``commands`` are inputs that are known to be commands. Where a model with effects shows more of them, the search
+    begins anew.
     """
     ready = prepared(part, request, progress, commands)
-    found, interrupted, found_notes = _searched(ready, progress)
-    if not interrupted and (more := ready.commands_of(*found.models[1:])):
-        with contextlib.suppress(KeyboardInterrupt):
-            return _diagnosed(part, request, progress, notes, ready.commands.joined(more))
-        interrupted = True
-    notes += [*ready.notes, *found_notes]
-    return found, interrupted
-
-
-def _searched(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPart, bool, list[str]]:
-    """The search for effects in a part, whether Ctrl-C ended it early, and notes on what it found."""
-    part, request, settings, floors, base = ready.part, ready.request, ready.settings, ready.floors, ready.base
-    rounds, interrupted = list[SearchRound](), False
-    predicted = evidence(base, settings.seed)
-    search = _context(ready, predicted, progress)
+    predicted, rounds = evidence(ready.base, request.settings.seed), list[SearchRound]()
+    search, interrupted, omitted, notes = _context(ready, predicted, progress), False, list[Omission](), list[str]()
     try:
-        forward_search(base, {}, search, rounds)
-        rounds, recurring, omitted = _revised(rounds, search)
+        forward_search(ready.base, {}, search, rounds)
+        rounds, notes, omitted = _revised(rounds, search)
         count = accepted_count(rounds, search)
-        final, more_notes = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
+        final, more = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
+        notes += more
+    except OtherCommands as shown:
+        with contextlib.suppress(KeyboardInterrupt):
+            return _diagnosed(part, request, progress, shown.found)
+        interrupted = True
     except KeyboardInterrupt:
         if not rounds:
             raise
-        interrupted, recurring, more_notes, omitted = True, [], [], []
+        interrupted = True
+    if interrupted:
         final = rounds[count := accepted_count(rounds, search)].base
-    left = predicted if final is base else evidence(final, settings.seed)
-    varying = varying_factor(final, settings.seed)
+    left = predicted if final is ready.base else evidence(final, request.settings.seed)
+    varying = varying_factor(final, request.settings.seed)
     if not interrupted and stands_in(rounds, count, predicted, left, varying, search):
-        count, final, left, more_notes = 0, rounds[0].base, predicted, []
-        varying = varying_factor(final, settings.seed)
-    found_in_final = _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
-    notes = doubtful_floors(floors, final.residual_rms, part.diagram)
-    notes += [f"{part.name}: {text}" for text in [*recurring, *more_notes, *found_in_final]]
+        count, final, left, notes = 0, rounds[0].base, predicted, []
+        varying = varying_factor(final, request.settings.seed)
+    notes += _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
+    notes = [*ready.notes, *doubtful_floors(ready.floors, final.residual_rms, part.diagram), *_of(part, notes)]
     final = final if interrupted else with_plain_states(final)
-    found = DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted, ready.filtered)
-    return found, interrupted, notes
+    results = (rounds, count, final, predicted, left, varying, omitted, ready.filtered)
+    return DiagnosedPart(part, search, ready.floors, *results), interrupted, notes
 
 
 def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -> SearchContext:
@@ -248,7 +241,9 @@ def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -
     )
     removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered)
     blocks, line = time_blocks(ready.base.problem), only_frequency(ready.records, tuple(inputs))
-    return SearchContext(ready.records, ready.settings, request.effects, blocks, noise, progress, line, removed)
+    return SearchContext(
+        ready.records, ready.settings, request.effects, blocks, noise, progress, line, removed, ready.check
+    )
 
 
 def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[SearchRound], list[str], list[Omission]]:
@@ -256,6 +251,11 @@ def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[Sea
     rounds, undetermined = without_undetermined(exchange_effects(rounds, search), search)
     rounds, notes, recurring = without_recurring_events(rounds, search)
     return rounds, notes, [*undetermined, *recurring]
+
+
+def _of(part: Part, notes: Sequence[str]) -> list[str]:
+    """Notes on a part, with its name."""
+    return [f"{part.name}: {text}" for text in notes]
 
 
 def _notes_on(final: Model, diagram: Diagram, noise_variance: float) -> list[str]:

@@ -9,8 +9,9 @@ import attrs
 
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.base_search import better_base
-from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, known_starts
+from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, is_of, known_starts
 from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
+from tsmblocks.diagnosis.commands import OtherCommands
 from tsmblocks.diagnosis.critical_gains import critical_gains, critical_ratios, is_of_time
 from tsmblocks.diagnosis.decision import (
     INDISTINGUISHABLE_NOISE_SHARE,
@@ -86,10 +87,13 @@ def search_round(
     """
     scores = _screened(model, shrinkage, search)
     chosen = _worth_fitting(scores, model, search)
+    known = found_in.verdict.named if found_in else None
+    if known is not None:  # it may seem small beside the others until it is fitted
+        chosen += [one for one in scores if one not in chosen and is_of(known, one)]
     models = []
     for k, one in enumerate(chosen):
         search.progress("fitted", k, len(chosen))
-        starts = [*one.starts, *known_starts(one, found_in.verdict.named if found_in else None)]
+        starts = [*one.starts, *known_starts(one, known)]
         ends = [optimized(one.problem, one.setup, start) for start in starts]
         models.append(min(ends, key=lambda m: m.mean_square))
     least = min((one.mean_square for one in models), default=0.0)
@@ -173,8 +177,10 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
     bases, first, before = 0, len(rounds), shrinkage
     while len(rounds) <= MAX_EFFECTS:
         try:
+            if shrinkage:
+                search.check(model)
             one = search_round(model, shrinkage, search)
-        except KeyboardInterrupt:  # what was named before is kept
+        except (KeyboardInterrupt, OtherCommands):  # what was named before is kept
             if rounds:
                 rounds.append(SearchRound(model, *held_out_losses(model, search.blocks, shrinkage), (), Verdict()))
             raise
@@ -224,7 +230,7 @@ def _repeated_beside_others(
     """New rounds, if effect ``k`` would not be named beside the others and they are better; else None."""
     this, others, base = rounds[k].verdict.named, [*rounds[:k], *rounds[k + 1 : count]], rounds[0].base
     other_rounds, model, shrinkage = rounds_for(others, search, base)
-    again = search_round(model, shrinkage, search)
+    again = search_round(model, shrinkage, search, _with_all(rounds[k], rounds[count:]))
     new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
     if this is not None and new is not None and _same_effect(this, new) and not is_more_general(this, new):
         rounds[k] = attrs.evolve(rounds[k], repeated=again)
@@ -240,6 +246,14 @@ def _repeated_beside_others(
     kept = accepted_count(made, search)
     loss, before = (mean_loss(some[n].losses, search.blocks) for some, n in ((made, kept), (rounds, count)))
     return made if kept >= least and loss <= before + allowed * search.noise_variance else None
+
+
+def _with_all(found: SearchRound, after: Sequence[SearchRound]) -> SearchRound:
+    """A round with the parameters of its effect in the model with all effects, which is the base ``after`` them."""
+    if found.verdict.named is None or not after:
+        return found
+    named = attrs.evolve(found.verdict.named, model=after[0].base)
+    return attrs.evolve(found, verdict=attrs.evolve(found.verdict, named=named))
 
 
 def _same_effect(this: FittedCandidate, new: FittedCandidate) -> bool:

@@ -11,7 +11,7 @@ from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request
-from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands, found_commands
+from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands, OtherCommands, found_commands
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors
@@ -48,14 +48,16 @@ class Prepared:
     commands: Commands
     notes: tuple[str, ...]
 
-    def commands_of(self, *models: Model) -> Commands:
-        """The inputs that the outputs show to be commands, for any of some models, beyond those that are known."""
+    def check(self, model: Model) -> None:
+        """Raise OtherCommands where a model shows inputs to be commands, beyond those that are known."""
+        if found := self.commands_of(model):
+            raise OtherCommands(self.commands.joined(found))
+
+    def commands_of(self, model: Model) -> Commands:
+        """The inputs that the outputs show to be commands, beyond those that are known."""
         given = hold_of_each(self.request.settings.restricted_to(self.part.diagram, (), {}).hold, self._inputs)
         may_be_held = {k for k, hold in given.items() if hold == AUTO and k not in self.commands.held}
-        found = Commands()
-        for model in models:
-            found = found.joined(found_commands(model, self.raw, self.filtered, may_be_held))
-        return found
+        return found_commands(model, self.raw, self.filtered, may_be_held)
 
     @property
     def _inputs(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import attrs
 import numpy as np
@@ -53,7 +53,7 @@ class SearchContext:
 
     ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback. ``only_frequency``
     is the one frequency [Hz] of all recordings, None where there are several. ``input_noise`` is the rms noise that was
-    filtered out of each input.
+    filtered out of each input. ``check`` raises OtherCommands where a model with effects shows inputs to be commands.
     """
 
     records: Mapping[str, Record]
@@ -64,6 +64,7 @@ class SearchContext:
     progress: ProgressCallback
     only_frequency: float | None = None
     input_noise: Mapping[str, float] = attrs.field(factory=dict)
+    check: Callable[[Model], None] = lambda _: None
 
     @property
     def noise_variance(self) -> float:
