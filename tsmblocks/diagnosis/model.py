@@ -192,9 +192,13 @@ def with_accurate_step(model: Model, settings: ModelSettings) -> Model:
             problem, setup = halved(model.problem, model.setup)
         except RunError:  # more steps than fit into memory
             return model
-        change = problem.residuals(model.theta) - model.r
-        if not np.isfinite(change).all() or float(np.mean(change**2)) <= MAX_STEP_ERROR * max(model.mean_square, 1.0):
+        change, allowed = problem.residuals(model.theta) - model.r, MAX_STEP_ERROR * max(model.mean_square, 1.0)
+        if not np.isfinite(change).all() or float(np.mean(change**2)) <= allowed:
             return model
+        material = [float(np.mean(change[rows] ** 2)) > allowed for rows in problem.rows]
+        pairs = zip(material, setup.experiments, model.setup.experiments, strict=True)
+        experiments = tuple(fine if changed else coarse for changed, fine, coarse in pairs)
+        problem, setup = attrs.evolve(problem, experiments=experiments), attrs.evolve(setup, experiments=experiments)
         model = optimized(problem, setup, model.theta, FINE_TOLERANCE)
     return model
 
