@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from typing import NamedTuple
 
@@ -223,19 +223,52 @@ def _sorted(powers: dict[str, int]) -> Dimension:
     return tuple(sorted(powers.items()))
 
 
-class AngularFrequency(str):
-    """The label of an angular frequency, such as a natural frequency: it is displayed as it is, a speed in degrees."""
+class DisplayedUnit(str):
+    """The label of a unit that is displayed in another one of the same quantity: that of a recording, for example."""
+
+    shown: str
+
+    def __new__(cls, label: str, shown: str) -> DisplayedUnit:
+        """The label, to be displayed as ``shown``."""
+        one = super().__new__(cls, label)
+        one.shown = shown
+        return one
+
+    def __reduce__(self) -> tuple[type[DisplayedUnit], tuple[str, str]]:
+        return DisplayedUnit, (str(self), self.shown)
 
 
-ANGULAR_FREQUENCY = AngularFrequency("rad/s")
-DISPLAY_UNITS = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2", "rad/min": "deg/min"}
-"""Unit -> unit in which it is displayed."""
+DISPLAY_UNITS = {"rad": "deg"}
+"""Unit -> unit in which it is displayed. Speeds in rad/s, mostly those of motors, are displayed as they are."""
 
 
 def display_unit(label: str) -> tuple[float, str]:
-    """Factor and unit for display: angles and their rates in degrees, angular frequencies and all else unchanged."""
-    wanted = label if isinstance(label, AngularFrequency) else DISPLAY_UNITS.get(label, label)
+    """Factor and unit for display: that of a recording where the label has one, angles in degrees, all else as it is.
+
+    Rates of a signal (``times``, ``unit_over``) are displayed as the signal is: that of an angle in deg/s.
+    """
+    wanted = label.shown if isinstance(label, DisplayedUnit) else DISPLAY_UNITS.get(label, label)
     return (factor(label, wanted) if wanted != label else 1.0), wanted
+
+
+def displayed_in(label: str, recorded: Iterable[str]) -> str:
+    """The label, displayed in the first of some units that measures the same quantity; as it is where none does."""
+    if not is_unit(label):
+        return label
+    alike = (one for one in recorded if is_unit(one) and parse(one).dimension == parse(label).dimension)
+    _, shown = display_unit(next(alike, label))
+    return label if shown == display_unit(label)[1] else DisplayedUnit(str(label), shown)
+
+
+def _derived(label: str, unit: Callable[[str], str]) -> str:
+    """The unit of a quantity derived from a signal, displayed in the unit derived from that of the signal."""
+    made, shown = unit(str(label)), unit(display_unit(label)[1])
+    return made if shown == made else DisplayedUnit(made, shown)
+
+
+def unit_over(label: str, below: str) -> str:
+    """The label over another one, ``deg/min``; displayed as the label above is."""
+    return _derived(label, lambda above: f"{above}/{below}")
 
 
 PREFIXED = ("s", "Hz", "m", "N", "A", "V", "W", "J", "Pa", "ohm", "H", "Nm")
@@ -265,7 +298,17 @@ def axis_unit(label: str, size: float) -> tuple[float, str]:
 
 
 def times(label: str, power_of: str, exponent: int = 1) -> str:
-    """A readable label for ``label * power_of**exponent`` (used for rates and integrals)."""
+    """A readable label for ``label * power_of**exponent`` (used for rates and integrals).
+
+    A rate is displayed as the signal is, an integral of a recorded signal too.
+    """
+    if isinstance(label, DisplayedUnit) or (power_of == "s" and exponent == -1):
+        return _derived(label, lambda unit: _times(unit, power_of, exponent))
+    return _times(label, power_of, exponent)
+
+
+def _times(label: str, power_of: str, exponent: int) -> str:
+    """As ``times``, of a plain label."""
     if label in ("", "1"):
         return power_of if exponent == 1 else f"1/{power_of}"
     if exponent == 1:

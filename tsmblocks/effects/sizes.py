@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import attrs
 
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.common.units import times
+from tsmblocks.common.units import times, unit_over
 from tsmblocks.effects.trials import Scales
 
 OWN_UNITS = ("{u}", "{x}")
@@ -78,6 +78,8 @@ class Size:
             return times(units.get(signal, signal), "s") if product else over
         if under == "s":
             return times(over, "s", -1)
+        if under == "min":
+            return unit_over(over, under)
         return "" if over == under else f"{over or '1'}/{under}"
 
 
