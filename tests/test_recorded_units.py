@@ -1,0 +1,83 @@
+"""Fits and diagnoses show outputs in the units of the recordings; files keep those of the diagram."""
+
+import json
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.blocks import Gain, Integrator
+
+T = np.arange(0.0, 8.0, 0.01)
+U = np.sin(2.3 * T) + 0.4 * np.sin(7.1 * T)
+
+
+def press(gain=2e6):
+    """A press: a pressure in proportion to a voltage, and a ram that moves by it."""
+    return tsm.Diagram(
+        title="Press",
+        blocks={
+            "valve": Gain(gain=gain, unit="Pa"),
+            "flow": Gain(gain=5e-8, unit="m/s"),
+            "ram": Integrator(),
+        },
+        wires=["valve -> flow -> ram"],
+        inputs={"u": tsm.Inlet(("valve.u",), "V", "")},
+        outputs={"p": "valve.y", "x": "ram.y"},
+    )
+
+
+def recorded(pressure=("bar", 1e-5), position=("mm", 1e3), name="press", noise=1.0):
+    """A recording of it in some units, with 0.1 bar and 0.05 mm of noise."""
+    run, rng = tsm.simulate(press(), inputs={"u": (T, U)}, stop=T[-1], step=0.01), np.random.default_rng(1)
+    p = pressure[1] * (run["p"] + noise * 1e4 * rng.standard_normal(len(T)))
+    x = position[1] * (run["x"] + noise * 5e-5 * rng.standard_normal(len(T)))
+    return tsm.Record(name, T, {"u": U, "p": p, "x": x}, {"u": "V", "p": pressure[0], "x": position[0]})
+
+
+@pytest.fixture(scope="module")
+def fit():
+    return tsm.fit(press(1.5e6), recorded(), free=["valve.gain"])
+
+
+def test_residuals_of_a_fit_are_in_the_units_of_the_recording(fit):
+    p, x = str(fit).partition("residual")[2].splitlines()[1:3]
+    assert p.split()[:2] + [p.split()[4]] == ["press,", "p", "bar"]
+    assert float(p.split()[2]) == pytest.approx(0.1, rel=0.1)
+    assert x.split()[4] == "mm"
+    assert float(x.split()[2]) == pytest.approx(0.05, rel=0.1)
+
+
+def test_files_of_a_fit_keep_the_units_of_the_diagram(fit):
+    first = json.loads(json.dumps(fit.to_dict()))["differences"]["items"][0]
+    assert first["unit"] == "Pa"
+    assert first["rms"] == pytest.approx(1e4, rel=0.1)
+    assert "bar" not in tsm.dumps(fit.diagram)
+
+
+def test_plots_and_cards_of_a_fit_are_in_the_units_of_the_recording(fit):
+    assert {"p [bar]", "x [mm]"} <= {panel.get_ylabel() for panel in fit.plot().axes}
+    card = fit._repr_html_()
+    assert "<td>bar</td>" in card.replace(' class="l"', "")
+    assert "Pa" not in card.replace("tsmblocks", "").partition("Residuals")[2]
+
+
+def test_of_several_recordings_the_first_unit_is_that_of_an_output():
+    second = recorded(pressure=("kPa", 1e-3), name="second")
+    both = tsm.score(press(), [recorded(), second], outputs=["p"])
+    rows = [line.split() for line in str(both).splitlines() if ", p " in line]
+    assert [row[4] for row in rows] == ["bar"] * 3
+    assert rows[-1][0] == "all,"
+
+
+def test_a_quantity_of_another_kind_leaves_a_unit_as_it_was():
+    without = tsm.Record("press", T, dict(recorded().signals), {"u": "V"})
+    assert " Pa " in str(tsm.score(press(), without, outputs=["p"]))
+
+
+def test_a_comparison_is_in_the_unit_of_the_recording():
+    models = {"right": press(), "wrong": press(1e6)}
+    compared = tsm.compare(models, recorded(), free=dict.fromkeys(models, ["flow.gain"]), outputs=["p"])
+    assert "rms fitted [bar]" in str(compared)
+    assert "bar rms" in " ".join(str(compared).split())
+    assert compared.to_dict()["unit"] == "Pa"
