@@ -49,6 +49,7 @@ from tsmblocks.diagnosis.partition import (
     within_windows,
 )
 from tsmblocks.diagnosis.plain_states import with_plain_states
+from tsmblocks.diagnosis.quantities import recorded_units
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
@@ -251,7 +252,7 @@ def _diagnosed(
         count, final, left, more_notes = 0, rounds[0].base, predicted, []
         varying = varying_factor(final, settings.seed)
     found_in_final = _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
-    notes += doubtful_floors(floors, final.residual_rms, part.diagram)
+    notes += doubtful_floors(floors, final.residual_rms, recorded_units(final.setup))
     notes += [f"{part.name}: {text}" for text in [*recurring, *more_notes, *found_in_final]]
     final = final if interrupted else with_plain_states(final)
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted), interrupted

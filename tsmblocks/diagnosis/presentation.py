@@ -12,7 +12,7 @@ from tsmblocks.common.rounding import LARGEST_PLAIN, plus_minus
 from tsmblocks.common.units import display_unit, heading
 from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
-from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, axis_title, binned, coordinates
+from tsmblocks.diagnosis.residual_location import BIN_COUNT, axis_title, binned, coordinate_unit, coordinates
 from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
 from tsmblocks.fitting.parameters import numbers
 from tsmblocks.model import parameter_units
@@ -47,7 +47,7 @@ def _plain(text: str) -> str:
 
 
 def in_display_units(value: float, unit: str) -> str:
-    """A number with its unit for display: three digits, angles in degrees."""
+    """A number with its unit for display: three digits, in the unit of a recording, angles in degrees."""
     k, shown = display_unit(unit)
     return f"{_plain(f'{k * value:.3g}')} {shown}".rstrip()
 
@@ -230,11 +230,8 @@ class Profile:
     explained: np.ndarray
 
 
-def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) -> Profile | None:
-    """The mean residual of one output along a coordinate; None where the coordinate does not vary.
-
-    ``diagram`` has the units of the inputs.
-    """
+def profile(segment: Segment, output: str, coordinate: str) -> Profile | None:
+    """The mean residual of one output along a coordinate; None where the coordinate does not vary."""
     traces = output_traces(segment, output)
     parts, count = [], 0
     for number, one in enumerate(traces):
@@ -253,10 +250,8 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     rows = [(x[b].mean(), *_mean(before[b], blocks[b]), *_mean(after[b], blocks[b]), explained[b].mean()) for b in bins]
     table = np.array(rows).T
     first = traces[0]
-    moving, own = (first.drive_name, diagram.unit(first.drive_name)) if len(first.drive) else (output, first.unit)
-    rate, _ = COORDINATES[coordinate]
-    unit = rate if "{}" not in rate else rate.format(own) if own else ""
-    return Profile(axis_title(coordinate, moving, own), unit, first.unit, *table)
+    moving, own = (first.drive_name, first.drive_unit) if len(first.drive) else (output, first.unit)
+    return Profile(axis_title(coordinate, moving, own), coordinate_unit(coordinate, own), first.unit, *table)
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:

@@ -165,8 +165,8 @@ class Consequence:
 class Trace:
     """One output of one experiment: instants [s], and in ``unit`` measured, simulated before, simulated after.
 
-    ``drive`` is the input (empty where there is none), ``excess`` (blocks, 3) start, stop [s] and mean squared
-    residual of the base in each time block [noise variances].
+    ``drive`` is the input in ``drive_unit`` (empty where there is none), ``excess`` (blocks, 3) start, stop [s] and
+    mean squared residual of the base in each time block [noise variances].
     """
 
     experiment: str
@@ -179,6 +179,7 @@ class Trace:
     drive: np.ndarray = attrs.field(repr=False)
     drive_name: str
     excess: np.ndarray = attrs.field(repr=False)
+    drive_unit: str = ""
 
 
 @attrs.frozen(eq=False)

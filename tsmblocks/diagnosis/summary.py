@@ -15,7 +15,7 @@ from tsmblocks.diagnosis.discrimination import separating_experiment
 from tsmblocks.diagnosis.limits import detection_limits
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram, rows_of_experiments
-from tsmblocks.diagnosis.quantities import Estimate
+from tsmblocks.diagnosis.quantities import Estimate, recorded_units
 from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.rejection import alternatives_to, why_named
@@ -165,7 +165,7 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         given = f"{given} given{more}"
     return Gap(
         name,
-        base.diagram.unit(name),
+        recorded_units(base.setup)[name],
         sigma * float(np.sqrt(diagnosed.search.noise_variance)),
         diagnosed.floors.method[name],
         tuple(rms(m.r, rows) for m in diagnosed.models),
@@ -207,12 +207,13 @@ def _traces(diagnosed: DiagnosedPart) -> tuple[Trace, ...]:
     """Measured and simulated signals for figures."""
     base, final, inputs = diagnosed.models[0], diagnosed.models[-1], list(diagnosed.part.diagram.inputs)
     outputs, result, segments = list(enumerate(base.setup.outputs)), list[Trace](), iter(base.problem.segments)
+    units = recorded_units(base.setup)
     for experiment, (i, name) in itertools.product(base.setup.experiments, outputs):
         rows, sigma, measured = next(segments), diagnosed.floors.sigma[name], experiment.measured[:, i]
         trace = Trace(
             experiment.name,
             name,
-            base.diagram.unit(name),
+            units[name],
             experiment.t,
             measured,
             measured + sigma * base.r[rows],
@@ -220,6 +221,7 @@ def _traces(diagnosed: DiagnosedPart) -> tuple[Trace, ...]:
             _drive(experiment, base, inputs[0]) if inputs else np.empty(0),
             inputs[0] if inputs else "",
             _blocks(base.r[rows], diagnosed.blocks.block[rows], experiment.t),
+            units[inputs[0]] if inputs else "",
         )
         result.append(trace)
     return tuple(result)

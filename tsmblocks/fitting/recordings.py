@@ -111,7 +111,7 @@ def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple
 
 
 def as_recorded(diagram: Diagram, name: str, records: Iterable[Record]) -> str:
-    """The unit of a signal in a diagram, displayed in that of the first recording of it."""
+    """The unit of an input or output of a diagram, displayed in that of the first recording of it."""
     return units.displayed_in(diagram.unit(name), (r.unit(name) for r in records if name in r))
 
 

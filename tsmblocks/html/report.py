@@ -152,21 +152,21 @@ def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, 
     points = max(MIN_POINTS, min(MAX_POINTS, MAX_TOTAL_POINTS // max(count, 1)))
     explained = bool(segment.effects)
     for gap in segment.gaps:
-        profiles = [profile(segment, gap.output, w.coordinate, diagnosis.base) for w in segment.where[:2]]
+        profiles = [profile(segment, gap.output, w.coordinate) for w in segment.where[:2]]
         traces = by_excess(output_traces(segment, gap.output))
-        worst, *others = [_experiment(diagnosis, segment, gap, one, points) for one in traces]
+        worst, *others = [_experiment(segment, gap, one, points) for one in traces]
         quiet = segment.verdict == "none"
         drawn = [profile_figure(one, explained=explained, quiet=quiet) for one in profiles if one]
         yield {"name": gap.output, "profiles": drawn, "worst": worst, "others": others}
 
 
-def _experiment(diagnosis: Diagnosis, segment: Segment, gap: Gap, trace: Trace, points: int) -> dict[str, Any]:
+def _experiment(segment: Segment, gap: Gap, trace: Trace, points: int) -> dict[str, Any]:
     k, unit = display_unit(trace.unit)
     before, after = (digits(k * v) for v in fitted_rms(trace))
     charts, quiet = [], segment.verdict == "none"
-    for over in [None, diagnosis.base] if len(trace.drive) else [None]:
-        charts.append(figures.signals_chart(trace, points, over, quiet=quiet))
-        charts.append(figures.residual_chart(trace, gap.noise_floor, points, over, quiet=quiet))
+    for loop in [False, True] if len(trace.drive) else [False]:
+        charts.append(figures.signals_chart(trace, points, loop=loop, quiet=quiet))
+        charts.append(figures.residual_chart(trace, gap.noise_floor, points, loop=loop, quiet=quiet))
     change = f"rms {before} → {after} {unit}" if before != after else f"rms {before} {unit}"
     made = [part("figure", chart) for chart in charts]
     return {"experiment": trace.experiment, "output": trace.output, "rms": change, "charts": made}
