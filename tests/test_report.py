@@ -640,7 +640,9 @@ def test_a_line_breaks_where_a_number_is_missing():
 
 def test_bars_are_as_long_as_their_numbers():
     text = page(diagnosis())
-    bars = re.findall(r'<rect class="fill (before|after)" x="([\d.]+)" y="[\d.]+" width="([\d.]+)" height="7.5"', text)
+    bars = re.findall(
+        rf'<rect class="fill (before|after)" x="([\d.]+)" y="[\d.]+" width="([\d.]+)" height="{figures.BAR}"', text
+    )
     lengths = np.array([float(width) for _, _, width in bars])
     values = [0.52, 0.104, 0.53, 0.105, 0.51, 0.103]
     assert [kind for kind, _, _ in bars] == ["before", "after"] * 3

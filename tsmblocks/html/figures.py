@@ -15,8 +15,8 @@ from tsmblocks.draw.picture import fitted, text_width
 from tsmblocks.html import charts
 from tsmblocks.html.charts import LEFT, RIGHT, TEXT, Frame, ends
 
-BAR, SPACE = 9, 9
-"""Height of a bar, and space between the bars of experiments [pixels]."""
+BAR, PITCH, SPACE = 8, 12, 6
+"""Height of a bar, distance of bars, in which a number fits, and more space between experiments [pixels]."""
 KINDS = ("measured", "before", "after")
 """Classes of lines, which give their colours."""
 QUIET = ("measured", "after")
@@ -37,14 +37,14 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
     k, unit = display_unit(gap.unit)
     rows, count = gap_rows(segment, gap), len(gap.held_out)
     names = min(max(text_width(name, TEXT) for name, _, _ in rows) + 8, 112)
-    tall = count * BAR + SPACE
+    tall = count * PITCH + SPACE
     top, bottom = 24.0, 24.0 + tall * len(rows)
     largest = max(max(*values, *train) for _, values, train in rows)
     frame = Frame(names, top, RIGHT - 40, bottom, (0.0, k * max(largest, gap.noise_floor) * 1.02), (0.0, 1.0))
     parts = [charts.x_axis(frame, heading(f"rms of {gap.output}", unit))]
     for place, (name, values, train) in enumerate(rows):
         y, kind = top + tall * place + SPACE / 2, "" if place else "strong"
-        parts.append(charts.text(names - 6, y + count * BAR / 2 + 4, fitted(name, TEXT, names - 8), "end", kind))
+        parts.append(charts.text(names - 6, y + count * PITCH / 2 + 4, fitted(name, TEXT, names - 8), "end", kind))
         parts += _bars(frame, y, k, values, train, quiet=segment.verdict == "none")
     x = frame.across(k * gap.noise_floor)
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
@@ -61,14 +61,14 @@ def _bars(
     """The bars of one experiment: base first, a hollow one where the same model was fitted."""
     parts, last = [], len(values) - 1
     for step, value in enumerate(values):
-        top, end = y + step * BAR, frame.across(k * value)
+        top, end = y + step * PITCH + (PITCH - BAR) / 2, frame.across(k * value)
         kind = "before" if not (step or quiet) else "after" if step == last else "between"
-        parts.append(charts.box(frame.left, top, end - frame.left, BAR - 1.5, f"fill {kind}"))
+        parts.append(charts.box(frame.left, top, end - frame.left, BAR, f"fill {kind}"))
         edge = end
         if step in (0, last):
             edge = frame.across(k * train[1 if step else 0])
-            parts.append(charts.box(frame.left, top + 0.5, edge - frame.left, BAR - 2.5, "hollow"))
-        parts.append(charts.text(max(end, edge) + 4, top + BAR - 1.5, digits(k * value), kind="small"))
+            parts.append(charts.box(frame.left, top + 0.5, edge - frame.left, BAR - 1, "hollow"))
+        parts.append(charts.text(max(end, edge) + 4, top + BAR, digits(k * value), kind="small"))
     return parts
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -61,6 +62,8 @@ MAX_POINTS, MIN_POINTS = 500, 100
 """Points of one line at most and at least. Chosen."""
 MAX_PARAMETERS = 5
 """Parameters of a candidate that are listed. Chosen: one with its own in each recording has many."""
+MAX_ROWS = 10
+"""Candidates of a round that were fitted and are shown at once; more are folded. Chosen."""
 LINE_BREAK = Markup("<br>")
 
 
@@ -188,11 +191,14 @@ def _rounds(segments: Sequence[Segment], experiments: int) -> Iterator[dict[str,
     for segment, number in dict.fromkeys((s, r.round) for s in segments for r in s.ranking):
         rows = [r for r in segment.ranking if r.round == number]
         fitted = by_removed(r for r in rows if r.fitted)
+        at_once = [k < MAX_ROWS or r.named or r.in_set for k, r in enumerate(fitted)]
+        shown = [*itertools.compress(fitted, at_once)]
         yield {
             "segment": segment.name,
             "number": number,
-            "fitted": [_ranked(r, experiments) for r in fitted],
-            "kinds": ["named" if r.named else "" for r in fitted],
+            "fitted": [_ranked(r, experiments) for r in shown],
+            "weaker": [_ranked(r, experiments) for r, is_shown in zip(fitted, at_once, strict=True) if not is_shown],
+            "kinds": ["named" if r.named else "" for r in shown],
             "variants": explained(fitted, known),
             "nothing": nothing_to_remove(fitted) if fitted else "",
             "rest": [(*_where(r), in_table(r.share), r.words) for r in rows if not r.fitted],
