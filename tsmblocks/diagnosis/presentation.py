@@ -79,17 +79,23 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     if not effect.sizes:
         main = main_parameter(effect, segment)
         name, _, experiment = main.partition("@")
-        return [_with_name(name.rpartition(".")[2], effect.parameters[main], experiment)] if main else []
-    found: dict[str, tuple[Quantity, str]] = {}
+        return [_with_name(name.rpartition(".")[2], with_interval(effect.parameters[main]), experiment)] if main else []
+    found: dict[str, str] = {}
     for key, quantity in effect.sizes.items():
-        name, _, experiment = key.partition("@")
-        if name not in found or abs(quantity.value) > abs(found[name][0].value):
-            found[name] = (quantity, experiment)
-    return [_with_name(name, *one) for name, one in list(found.items())[:MAX_SIZES]]
+        name, _, _ = key.partition("@")
+        if name not in found or abs(quantity.value) > abs(effect.sizes[found[name]].value):
+            found[name] = key
+    return [_with_name(name, size_text(effect, key), key.partition("@")[2]) for name, key in found.items()][:MAX_SIZES]
 
 
-def _with_name(name: str, q: Quantity, experiment: str) -> str:
-    return f"{name} {with_interval(q)}" + (f" in {experiment}, where it is largest" if experiment else "")
+def size_text(effect: NamedEffect, name: str) -> str:
+    """A size of an effect with its interval; of an acceleration also what it is as a force."""
+    text, force = with_interval(effect.sizes[name]), effect.as_force.get(name, "")
+    return f"{text} ({force})" if force else text
+
+
+def _with_name(name: str, text: str, experiment: str) -> str:
+    return f"{name} {text}" + (f" in {experiment}, where it is largest" if experiment else "")
 
 
 def output_traces(segment: Segment, output: str) -> tuple[Trace, ...]:

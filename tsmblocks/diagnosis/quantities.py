@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 import attrs
 import numpy as np
 
-from tsmblocks.common.units import displayed_in, times
+from tsmblocks.blocks import Gain
+from tsmblocks.common.units import display_unit, displayed_in, is_unit, parse, times
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.result import Quantity
+from tsmblocks.diagnosis.plain_values import limit_quantity
+from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.diagnosis.result import DetectionLimit, Quantity
 from tsmblocks.effects.effect import sizes_of
 from tsmblocks.fitting.recordings import as_recorded
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import intervals
+from tsmblocks.model.diagram import Diagram
 
 LEVEL = 0.95
 """Confidence level of intervals. Source: convention."""
 DIFFERENCE = 1e-3
 """Step of the derivatives of sizes [standard errors]. Chosen: sizes are smooth over it, and rounding is not seen."""
+
+OF_ACCELERATIONS = (("m", "mass", "force"), ("rad", "inertia", "torque"))
+FORCES = {parse(f"{unit}/s^2").dimension: (by, force) for unit, by, force in OF_ACCELERATIONS}
+"""By what an acceleration is multiplied for a force, and what force that is."""
 
 
 @attrs.frozen(eq=False)
@@ -192,3 +200,29 @@ def _units(candidate: Candidate, recorded: Mapping[str, str]) -> tuple[str, str]
 
     wire = unit(point.signal)
     return wire, unit(point.other) if point.other else wire
+
+
+def as_force(size: Quantity, signal: str, diagram: Diagram) -> str:
+    """What a size on a signal that is an acceleration is as a force, in a phrase; empty for any other.
+
+    Behind a gain, as that of 1/m, it is the size over the gain at the input of that block.
+    """
+    dimensions = [parse(unit).dimension for unit in (size.unit, unit_of_signal(diagram, signal)) if is_unit(unit)]
+    if len(dimensions) < 2 or dimensions[0] != dimensions[1] or dimensions[0] not in FORCES:
+        return ""
+    name = signal.rpartition(".")[0]
+    gain, unit = diagram.blocks.get(name), unit_of_signal(diagram, f"{name}.u")
+    if isinstance(gain, Gain) and gain.gain and is_unit(unit) and parse(unit).dimension not in FORCES:
+        return f"{in_display_units(size.value / abs(gain.gain), unit)} at the input of {name}"
+    by, force = FORCES[dimensions[0]]
+    return f"an acceleration: times the {by}, a {force}"
+
+
+def acceleration_note(limits: Iterable[DetectionLimit]) -> str:
+    """A remark on detection limits that are accelerations; empty where none is."""
+    labels = (display_unit(limit_quantity(one)[2])[1] for one in limits if one.value is not None)
+    found = {
+        unit: FORCES[parse(unit).dimension] for unit in labels if is_unit(unit) and parse(unit).dimension in FORCES
+    }
+    said = [f"Sizes in {unit} are accelerations: times the {by}, {force}s." for unit, (by, force) in found.items()]
+    return " ".join(said)

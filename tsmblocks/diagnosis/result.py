@@ -41,7 +41,7 @@ class NamedEffect:
     are measurable quantities (an amplitude, a gap, a frequency), derived from ``parameters``, the most informative
     first; empty for an effect that defines none. ``other_places`` are the insertion points at which the same effect is
     indistinguishable from this one, ``other_forms`` its indistinguishable variants, and ``why_named`` why it is named
-    rather than those.
+    rather than those. ``as_force`` says of sizes that are accelerations what they are as forces.
     """
 
     name: str
@@ -60,6 +60,7 @@ class NamedEffect:
     other_places: tuple[str, ...] = ()
     other_forms: tuple[str, ...] = ()
     why_named: str = ""
+    as_force: Mapping[str, str] = attrs.field(factory=dict)
 
 
 @attrs.frozen

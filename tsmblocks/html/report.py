@@ -26,9 +26,11 @@ from tsmblocks.diagnosis.presentation import (
     in_display_units,
     output_traces,
     profile,
+    size_text,
     unit_of,
     with_interval,
 )
+from tsmblocks.diagnosis.quantities import acceleration_note
 from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment, Trace
 from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.diagnosis.text import (
@@ -231,7 +233,7 @@ def _marked(diagnosis: Diagnosis) -> str:
 
 def _sizes(effect: NamedEffect) -> Markup:
     """The sizes of an effect with intervals, one on each line."""
-    return LINE_BREAK.join(Markup("{} {}").format(name, with_interval(q)) for name, q in effect.sizes.items())
+    return LINE_BREAK.join(Markup("{} {}").format(name, size_text(effect, name)) for name in effect.sizes)
 
 
 def _numbers(diagnosis: Diagnosis, effect: NamedEffect) -> Markup:
@@ -263,7 +265,8 @@ def _limits(segment: Segment) -> dict[str, Any]:
     shown = (m for m in segment.limits if m.value is not None or m.name not in named)
     ordered = sorted(shown, key=lambda m: m.value is None)
     rows = [(m.name, limit_text(m), m.excites) for m in ordered]
-    return {"segment": segment.name, "rows": rows, "kinds": ["blind" if m.value is None else "" for m in ordered]}
+    kinds = ["blind" if m.value is None else "" for m in ordered]
+    return {"segment": segment.name, "rows": rows, "kinds": kinds, "note": acceleration_note(ordered)}
 
 
 def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:
