@@ -1,6 +1,7 @@
 """The report of a diagnosis: its text to the letter, its page, its charts, its figures, the files that are written."""
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
+import html
 import itertools
 import json
 import re
@@ -441,6 +442,12 @@ def test_a_page_is_whole_and_fetches_nothing(name):
     assert "url(" not in text
     assert "@import" not in text
     assert set(re.findall(r"https?://[^\"' )<]+", text)) <= {"http://www.w3.org/2000/svg"}
+
+
+def test_parts_of_a_diagram_have_an_arrow_in_their_headings():
+    headings = re.findall(r"<h3[^>]*>(.*?)</h3>", page(EVERY["two"]))
+    assert "r\xa0→\xa0u" in [html.unescape(one) for one in headings]
+    assert not [one for one in headings if "&gt;" in one]
 
 
 def test_a_page_has_its_parts_in_this_order():
