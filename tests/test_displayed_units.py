@@ -10,6 +10,7 @@ from tsmblocks.blocks import RateLimit, SecondOrderLag
 from tsmblocks.common.rounding import plus_minus
 from tsmblocks.common.units import DisplayedUnit, display_unit, displayed_in, parse, times, unit_over
 from tsmblocks.diagnosis.model_difference import difference
+from tsmblocks.effects import Size
 from tsmblocks.fitting.parameters import numbers
 
 FREQUENCY = ("frequency", "zeros", "poles", "corner", "bandwidth", "cut-off")
@@ -50,6 +51,21 @@ def test_the_rate_of_an_angle_is_shown_in_degrees_as_the_angle_is():
     )
     changed = difference(limit, limit.with_parameters({"limit.rising": 1.0})).parameters[0]
     assert changed.words.endswith(" -> 57.3 deg/s")
+
+
+@pytest.mark.parametrize(
+    ("wire", "other", "label", "shown"),
+    [
+        ("V", DisplayedUnit("Pa", "bar"), "V/Pa", "V/bar"),
+        (DisplayedUnit("m", "mm"), "V", "m/V", "mm/V"),
+        (DisplayedUnit("m", "mm"), "m", "", ""),
+        ("", DisplayedUnit("m", "mm"), "1/m", "1/mm"),
+        ("rad", "V", "rad/V", "rad/V"),
+    ],
+)
+def test_a_size_per_signal_is_shown_in_the_units_of_both(wire, other, label, shown):
+    unit = Size("slope", lambda p, _: 1.0, "{u}/{x}").unit_for(wire, other)
+    assert (unit, display_unit(unit)[1]) == (label, shown)
 
 
 def test_a_unit_is_shown_in_that_of_a_recording_of_the_same_quantity():

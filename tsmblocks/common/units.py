@@ -267,8 +267,10 @@ def _derived(label: str, unit: Callable[[str], str]) -> str:
 
 
 def unit_over(label: str, below: str) -> str:
-    """The label over another one, ``deg/min``; displayed as the label above is."""
-    return _derived(label, lambda above: f"{above}/{below}")
+    """The label over another one, ``deg/min``; displayed as the label above is, and as a recorded signal below."""
+    if not isinstance(below, DisplayedUnit):
+        return _derived(label, lambda above: f"{above}/{below}")
+    return DisplayedUnit(f"{label}/{below}", f"{display_unit(label)[1]}/{below.shown}")
 
 
 PREFIXED = ("s", "Hz", "m", "N", "A", "V", "W", "J", "Pa", "ohm", "H", "Nm")
