@@ -8,6 +8,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Integrator, Play
+from tsmblocks.cli import main
 from tsmblocks.html.report import page
 
 T = np.arange(0.0, 8.0, 0.01)
@@ -79,6 +80,16 @@ def test_a_comparison_is_in_the_unit_of_the_recording():
     assert "rms fitted [bar]" in str(compared)
     assert "bar rms" in " ".join(str(compared).split())
     assert compared.to_dict()["unit"] == "Pa"
+
+
+def test_a_run_beside_a_recording_has_its_residuals_in_the_units_of_that(tmp_path, capsys):
+    model, data = tmp_path / "press.toml", tmp_path / "press.csv"
+    tsm.save(press(), model)
+    recorded().save(data)
+    assert main(["run", str(model), "--data", str(data)]) == 0
+    table = capsys.readouterr().out.partition("measured less run")[2]
+    assert re.search(r"\np +[\d.]+ bar +0\.\d+ bar", table)
+    assert re.search(r"\nx +[\d.]+ mm +0\.\d+ mm", table)
 
 
 # ---- a diagnosis

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -213,10 +213,7 @@ def base_unit(label: str) -> str:
         plain = next((k for k, (size, same_powers) in _BASE.items() if size == 1 and same_powers == powers), None)
         for key, n in {plain: 1}.items() if plain else powers.items():
             total[key] = total.get(key, 0) + sign * int(power or 1) * n
-    above = [k if n == 1 else f"{k}^{n}" for k, n in total.items() if n > 0 and k != "1"]
-    below = [k if n == -1 else f"{k}^{-n}" for k, n in total.items() if n < 0 and k != "1"]
-    under = f"({'*'.join(below)})" if len(below) > 1 else "".join(below)
-    return f"{'*'.join(above) or '1'}{f'/{under}' if under else ''}"
+    return _spelled(total)
 
 
 def _sorted(powers: dict[str, int]) -> Dimension:
@@ -328,12 +325,20 @@ def quotient(above: str, below: str) -> str:
     """A readable label for one unit over another, ``kN/mm``; empty where they are one, or one is not known."""
     if not above or not below or same(above, below):
         return ""
-    label = above
-    for word, sign in _words(below):
-        name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
-        for _ in range(abs(int(power or 1))):
-            label = times(label, name, -sign if int(power or 1) > 0 else sign)
-    return label
+    powers = dict[str, int]()
+    for label, side in ((above, 1), (below, -1)):
+        for word, sign in _words(label):
+            name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+            powers[name] = powers.get(name, 0) + side * sign * int(power or 1)
+    return _spelled(powers)
+
+
+def _spelled(powers: Mapping[str, int]) -> str:
+    """The label of a product of powers of units, in their order."""
+    above = [k if n == 1 else f"{k}^{n}" for k, n in powers.items() if n > 0 and k != "1"]
+    below = [k if n == -1 else f"{k}^{-n}" for k, n in powers.items() if n < 0 and k != "1"]
+    under = f"({'*'.join(below)})" if len(below) > 1 else "".join(below)
+    return f"{'*'.join(above) or '1'}{f'/{under}' if under else ''}"
 
 
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*", re.DOTALL)
