@@ -54,7 +54,7 @@ def test_a_torque_belongs_to_an_angular_acceleration():
 
 def test_the_force_stands_behind_the_size_everywhere_but_in_the_file():
     friction = attrs.evolve(BACKLASH, sizes={"friction": SIZE}, as_force={"friction": "796 N at the input of inertia"})
-    words = "0.7959 ± 0.0013 m/s^2 (796 N at the input of inertia)"
+    words = "0.7959 ± 0.0013 m/s^2, 796 N at the input of inertia"
     assert main_sizes(friction, NAMED) == [f"friction {words}"]
     whole = diagnosis(attrs.evolve(NAMED, effects=(friction,)))
     assert f"  friction  {words}\n" in str(whole)

@@ -59,3 +59,8 @@ def test_numbers_of_bars_of_very_different_sizes_stand_apart(small):
     height = float(re.search(r"text\.small\{font-size:([\d.]+)px", CSS)[1])
     assert len(places) == 8
     assert min(b - a for a, b in itertools.pairwise(places)) > height
+
+
+def test_what_the_cells_mean_is_said_once():
+    other = attrs.evolve(NAMED, name="r -> u")
+    assert page(diagnosis(NAMED, other)).count("The cells above a residual") == 1

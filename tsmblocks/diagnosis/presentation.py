@@ -91,7 +91,7 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
 def size_text(effect: NamedEffect, name: str) -> str:
     """A size of an effect with its interval; of an acceleration also what it is as a force."""
     text, force = with_interval(effect.sizes[name]), effect.as_force.get(name, "")
-    return f"{text} ({force})" if force else text
+    return f"{text}, {force}" if force else text
 
 
 def _with_name(name: str, text: str, experiment: str) -> str:
