@@ -535,6 +535,11 @@ def test_the_headings_of_an_effect_begin_with_the_place():
     assert "\nLoad: a ripple of the force over the position (cogging)\n" in page
 
 
+def test_an_effect_in_front_of_the_model_is_not_described_twice():
+    opening = effects.page("backlash", uses.effects()["backlash"]).split("\n:Family")[0]
+    assert opening.rstrip().endswith("A backlash gap.")
+
+
 def test_a_ripple_is_drawn_with_few_periods():
     for effect in uses.effects()["position_ripple"]:
         made = effects.placed(effect)

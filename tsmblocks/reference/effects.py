@@ -95,8 +95,9 @@ def pages() -> dict[str, str]:
 
 
 def _words(some: list[Effect]) -> str:
-    """What an effect is, in all its variants."""
-    return "; ".join(dict.fromkeys(e.words for e in some))
+    """What an effect is, in all its variants; that one stands in front of the model is told by its place."""
+    said = (e.words.removesuffix(" in front of the model").removesuffix(",") for e in some)
+    return "; ".join(dict.fromkeys(said))
 
 
 def _links(folder: str, names: Iterable[str]) -> str:
