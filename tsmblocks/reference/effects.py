@@ -95,7 +95,7 @@ def pages() -> dict[str, str]:
 
 
 def _words(some: list[Effect]) -> str:
-    """What an effect is, in all its variants; that one stands in front of the model is told by its place."""
+    """What an effect is, in all its variants, whether in front of the model or not."""
     said = (e.words.removesuffix(" in front of the model").removesuffix(",") for e in some)
     return "; ".join(dict.fromkeys(said))
 
