@@ -42,7 +42,7 @@ def trace(name, size, n=400, seed=1, output="x_out", piece=0.0):
     before, after = measured - wrong - noise, measured - noise
     edges = np.linspace(0, n, 9).astype(int)
     excess = [[t[a], t[b - 1], np.mean((wrong + noise)[a:b] ** 2) / NOISE**2] for a, b in itertools.pairwise(edges)]
-    return Trace(name, output, "rad", t, measured, before, after, x, "x_in", np.array(excess))
+    return Trace(name, output, "rad", t, measured, before, after, x, "x_in", np.array(excess), "rad")
 
 
 def ranked(name, share, *, number=1, named=False, in_set=False, fitted=True, variant="", across=None, **more):

@@ -122,17 +122,16 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
 
 
 def test_a_floor_above_what_the_final_model_leaves_is_doubted():
-    diagram = tsm.load("tendon_sheath_linear")
     sigma = {"x_out": 1.2 * DEG}
     found_in = NoiseFloors(sigma, {"x_out": "repeated periods"})
-    assert doubtful_floors(found_in, {"x_out": 0.8}, diagram) == [
+    assert doubtful_floors(found_in, {"x_out": 0.8}, {"x_out": "rad"}) == [
         "the noise floor of x_out estimated from repeated periods, 1.2 deg rms, is too high: the residual of the final "
         "model, which contains all noise, is smaller (0.96 deg rms). Small effects may be missed. Give the noise if "
         "you know it."
     ]
-    assert doubtful_floors(found_in, {"x_out": 0.95}, diagram) == []
+    assert doubtful_floors(found_in, {"x_out": 0.95}, {"x_out": "rad"}) == []
     for method in ("given", "high frequencies"):
-        assert doubtful_floors(NoiseFloors(sigma, {"x_out": method}), {"x_out": 0.5}, diagram) == []
+        assert doubtful_floors(NoiseFloors(sigma, {"x_out": method}), {"x_out": 0.5}, {"x_out": "rad"}) == []
 
 
 def test_wires_in_front_of_blocks_that_were_named_are_places_too():

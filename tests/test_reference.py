@@ -13,6 +13,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -31,7 +32,7 @@ from tsmblocks.fitting.summary import OPEN_VERDICT, UNCERTAIN_VERDICT
 from tsmblocks.html.block_facts import words
 from tsmblocks.html.mathml import mathml
 from tsmblocks.model.block import Block
-from tsmblocks.reference import blocks, examples, gallery, hand_written, navigation, python, search_words, uses
+from tsmblocks.reference import blocks, effects, examples, gallery, hand_written, navigation, python, search_words, uses
 from tsmblocks.reference.trace import listing
 from tsmblocks.studies.files import KEYS as STUDY_KEYS
 from tsmblocks.studies.files import PLANS as STUDY_PLANS
@@ -515,3 +516,33 @@ def test_what_is_missing_is_named(monkeypatch, tmp_path, capsys):
     said = 'The reference needs furo, which is not installed: pip install "tsmblocks[reference]"'
     assert capsys.readouterr().err.strip() == f"tsmblocks: {said}"
     assert not (tmp_path / "none").exists()
+
+
+# ---- pages of effects ---------------------------------------------------------------------------------
+
+
+def test_values_on_the_page_of_an_effect_have_their_units():
+    page = effects.page("backlash", uses.effects()["backlash"])
+    assert re.search(r"``half_width`` = [\d.]+ deg[,:]", page)
+    assert "from 0.942 rad/s to 900 rad/s" in effects.page("resonance", uses.effects()["resonance"])
+    assert page.count(blocks.LETTERS) == 1
+    assert blocks.LETTERS not in effects.page("resonance", uses.effects()["resonance"])
+
+
+def test_the_headings_of_an_effect_begin_with_the_place():
+    page = effects.page("position_ripple", uses.effects()["position_ripple"])
+    assert "\nOutput: a ripple over the position (eccentricity)\n" in page
+    assert "\nLoad: a ripple of the force over the position (cogging)\n" in page
+
+
+def test_an_effect_in_front_of_the_model_is_not_described_twice():
+    opening = effects.page("backlash", uses.effects()["backlash"]).split("\n:Family")[0]
+    assert opening.rstrip().endswith("A backlash gap.")
+
+
+def test_a_ripple_is_drawn_with_few_periods():
+    for effect in uses.effects()["position_ripple"]:
+        made = effects.placed(effect)
+        (cycles,) = (value for name, value in made.sizes.items() if name.endswith("cycles"))
+        moved = np.ptp(effects.traces(made).signals[next(iter(made.diagram.outputs))])
+        assert 2 < np.radians(moved) * cycles / (2 * np.pi) < 8

@@ -1,6 +1,7 @@
 """The report of a diagnosis: its text to the letter, its page, its charts, its figures, the files that are written."""
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
+import html
 import itertools
 import json
 import re
@@ -307,7 +308,7 @@ def test_notes_of_several_experiments_are_gathered():
         (Quantity(123400.0, 120000.0, 126800.0, "V"), "1.23e+05 ± 3.4e+03 V"),
         (Quantity(2.0, -np.inf, np.inf, ""), "2 (not determined)"),
         (Quantity(2.0, 2.0, 2.0, "s"), "2 s"),
-        (Quantity(0.17453292519943295, 0.1, 0.25, "rad/s"), "10.0 ± 4.3 deg/s"),
+        (Quantity(0.17453292519943295, 0.1, 0.25, "rad/s"), "0.175 ± 0.075 rad/s"),
     ],
 )
 def test_numbers_with_intervals(quantity, shown):
@@ -337,7 +338,7 @@ def test_strips_scale_the_excess_by_what_is_left():
 
 
 def test_a_profile_shows_the_error_that_is_there():
-    found = showing.profile(NAMED, "x_out", "direction", tsm.load("tendon_sheath_linear"))
+    found = showing.profile(NAMED, "x_out", "direction")
     assert found is not None
     assert found.x.tolist() == [-1.0, 1.0]
     assert found.before == pytest.approx([-0.5 * DEG, 0.5 * DEG], abs=0.05 * DEG)
@@ -349,38 +350,33 @@ def test_a_profile_shows_the_error_that_is_there():
 
 def test_standard_errors_of_a_profile_are_those_of_white_noise():
     parts = tuple(trace(f"e{k}", 0.8, seed=k) for k in range(40))
-    found = showing.profile(attrs.evolve(NAMED, traces=parts), "x_out", "direction", tsm.load("tendon_sheath_linear"))
+    found = showing.profile(attrs.evolve(NAMED, traces=parts), "x_out", "direction")
     assert found is not None
     assert found.error_after == pytest.approx(NOISE / np.sqrt(8000), rel=0.3)
 
 
 def test_the_unit_of_a_coordinate_follows_from_the_motion():
-    base = tsm.load("tendon_sheath_linear")
-    units = {k: showing.profile(NAMED, "x_out", k, base).unit for k in ("position", "speed", "session time")}
+    units = {k: showing.profile(NAMED, "x_out", k).unit for k in ("position", "speed", "session time")}
     assert units == {"position": "rad", "speed": "rad/s", "session time": "s"}
 
 
 def test_the_axis_of_a_coordinate_with_a_sign_says_what_negative_means():
-    base = tsm.load("tendon_sheath_linear")
-    assert showing.profile(NAMED, "x_out", "speed", base).coordinate == "speed"
-    signed = showing.profile(NAMED, "x_out", "time since reversal", base)
+    assert showing.profile(NAMED, "x_out", "speed").coordinate == "speed"
+    signed = showing.profile(NAMED, "x_out", "time since reversal")
     assert signed.x.min() < 0
     assert signed.coordinate == "time since reversal, negative where x_in falls"
 
 
 def test_too_few_blocks_say_nothing_of_how_sure_a_mean_is():
     short = attrs.evolve(trace("full", 0.8), excess=np.array([[0.0, 8.0, 20.0]]))
-    base = tsm.load("tendon_sheath_linear")
-    found = showing.profile(attrs.evolve(NAMED, traces=(short,)), "x_out", "direction", base)
+    found = showing.profile(attrs.evolve(NAMED, traces=(short,)), "x_out", "direction")
     assert found is not None
     assert np.isnan(found.error_before).all()
     assert found.before == pytest.approx([-0.5 * DEG, 0.5 * DEG], abs=0.05 * DEG)
 
 
 def test_a_coordinate_that_does_not_vary_makes_no_profile():
-    assert (
-        showing.profile(attrs.evolve(NAMED, traces=NAMED.traces[:1]), "x_out", "experiment", diagnosis().base) is None
-    )
+    assert showing.profile(attrs.evolve(NAMED, traces=NAMED.traces[:1]), "x_out", "experiment") is None
 
 
 # ---- the difference of two diagrams
@@ -453,6 +449,12 @@ def test_a_page_is_whole_and_fetches_nothing(name):
     assert "url(" not in text
     assert "@import" not in text
     assert set(re.findall(r"https?://[^\"' )<]+", text)) <= {"http://www.w3.org/2000/svg"}
+
+
+def test_parts_of_a_diagram_have_an_arrow_in_their_headings():
+    headings = re.findall(r"<h3[^>]*>(.*?)</h3>", page(EVERY["two"]))
+    assert "r\xa0→\xa0u" in [html.unescape(one) for one in headings]
+    assert not [one for one in headings if "&gt;" in one]
 
 
 def test_a_page_has_its_parts_in_this_order():
@@ -652,7 +654,9 @@ def test_a_line_breaks_where_a_number_is_missing():
 
 def test_bars_are_as_long_as_their_numbers():
     text = page(diagnosis())
-    bars = re.findall(r'<rect class="fill (before|after)" x="([\d.]+)" y="[\d.]+" width="([\d.]+)" height="7.5"', text)
+    bars = re.findall(
+        rf'<rect class="fill (before|after)" x="([\d.]+)" y="[\d.]+" width="([\d.]+)" height="{figures.BAR}"', text
+    )
     lengths = np.array([float(width) for _, _, width in bars])
     values = [0.52, 0.104, 0.53, 0.105, 0.51, 0.103]
     assert [kind for kind, _, _ in bars] == ["before", "after"] * 3

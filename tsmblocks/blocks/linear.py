@@ -9,7 +9,6 @@ import casadi as ca
 
 from tsmblocks.blocks.shared import check_limits, limited
 from tsmblocks.common.errors import ParameterError
-from tsmblocks.common.units import ANGULAR_FREQUENCY
 from tsmblocks.model.block import Block, Input, Output, Past, block, option, parameter, state
 
 
@@ -164,7 +163,7 @@ class SecondOrderLag(Block):
     symbol_with_values = "Kω²/(s²+2ζωs+ω²)\nK {gain}, ω {omega}, ζ {zeta}"
 
     gain: float = parameter(default=1.0, about="output over input at rest")
-    omega: float = parameter(default=125.66370614359172, about="natural frequency", unit=ANGULAR_FREQUENCY, above=0.0)
+    omega: float = parameter(default=125.66370614359172, about="natural frequency", unit="rad/s", above=0.0)
     zeta: float = parameter(default=0.7, about="damping ratio", at_least=0.0)
 
     u = Input("any signal", unit="?u")

@@ -13,7 +13,7 @@ from tsmblocks.blocks.discrete import DiscreteStateSpace, DiscreteTransferFuncti
 from tsmblocks.blocks.shared import UNIT, UNIT_IN
 from tsmblocks.common.errors import BlockError, ParameterError, in_words
 from tsmblocks.common.tables import unique_names
-from tsmblocks.common.units import ANGULAR_FREQUENCY, heading, split_heading
+from tsmblocks.common.units import heading, split_heading
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter
 
 
@@ -77,10 +77,10 @@ class ZeroPoleGain(Block):
     source = "Åström and Murray, Feedback Systems, section 9.2 (zeros and poles)"
     symbol = "zpk"
 
-    zeros: tuple[float, ...] = parameter(default=(), about="real zeros; pairs are zero_pairs", unit=ANGULAR_FREQUENCY)
-    poles: tuple[float, ...] = parameter(default=(), about="real poles; pairs are pole_pairs", unit=ANGULAR_FREQUENCY)
-    zero_pairs: systems.Rows = parameter(default=(), about="conjugate zeros, as rows (re, im)", unit=ANGULAR_FREQUENCY)
-    pole_pairs: systems.Rows = parameter(default=(), about="conjugate poles, likewise", unit=ANGULAR_FREQUENCY)
+    zeros: tuple[float, ...] = parameter(default=(), about="real zeros; pairs are zero_pairs", unit="rad/s")
+    poles: tuple[float, ...] = parameter(default=(), about="real poles; pairs are pole_pairs", unit="rad/s")
+    zero_pairs: systems.Rows = parameter(default=(), about="conjugate zeros, as rows (re, im)", unit="rad/s")
+    pole_pairs: systems.Rows = parameter(default=(), about="conjugate poles, likewise", unit="rad/s")
     gain: float = parameter(default=1.0, about="factor in front of the fraction")
     x0: tuple[float, ...] = parameter(default=(), about="initial states; an empty list means zeros", initial=True)
     unit: str = option(default="", about=UNIT)

@@ -11,7 +11,6 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.common.units import ANGULAR_FREQUENCY
 from tsmblocks.model.block import Block, Input, Output, block, option, parameter, state
 
 
@@ -314,7 +313,7 @@ class Resonance(Block):
     symbol = "resonance"
 
     share: float = parameter(default=0.0, about="share of the signal that resonates", at_least=0.0, at_most=1.0)
-    omega: float = parameter(default=20.0, about="natural frequency", unit=ANGULAR_FREQUENCY, above=0.0)
+    omega: float = parameter(default=20.0, about="natural frequency", unit="rad/s", above=0.0)
     zeta: float = parameter(default=0.2, about="damping ratio", at_least=0.0)
     feed: float = parameter(default=0.0, about="share f of the damper on the base", at_least=0.0, at_most=1.0)
 
@@ -347,7 +346,7 @@ class ParallelResonance(Block):
 
     gain: float = parameter(default=0.0, about="share g of the oscillator in the output")
     rate_gain: float = parameter(default=0.0, about="share h of its rate, in periods of 1/omega")
-    omega: float = parameter(default=20.0, about="natural frequency", unit=ANGULAR_FREQUENCY, above=0.0)
+    omega: float = parameter(default=20.0, about="natural frequency", unit="rad/s", above=0.0)
     zeta: float = parameter(default=0.05, about="damping ratio", at_least=0.0)
 
     u = Input("output of the model in parallel", unit="?u")

@@ -217,8 +217,10 @@ def _sizes(error: dict[str, Any]) -> list[list[str]]:
 
 
 def _units(unit: str) -> list[tuple[str, float]]:
-    """Units in which an error is printed, with their factors: its own, or for an angle radians and degrees."""
+    """Units in which an error is printed, with their factors: the recording's, or for an angle radians and degrees."""
     from tsmblocks.common import units
 
-    angle = units.parse(unit).dimension == units.parse("rad").dimension
-    return [("rad", units.factor(unit, "rad")), ("deg", units.factor(unit, "deg"))] if angle else [(unit, 1.0)]
+    if units.parse(unit).dimension == units.parse("rad").dimension:
+        return [(one, units.factor(unit, one)) for one in ("rad", "deg")]
+    factor, shown = units.display_unit(unit)
+    return [(shown, factor)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -213,29 +213,61 @@ def base_unit(label: str) -> str:
         plain = next((k for k, (size, same_powers) in _BASE.items() if size == 1 and same_powers == powers), None)
         for key, n in {plain: 1}.items() if plain else powers.items():
             total[key] = total.get(key, 0) + sign * int(power or 1) * n
-    above = [k if n == 1 else f"{k}^{n}" for k, n in total.items() if n > 0 and k != "1"]
-    below = [k if n == -1 else f"{k}^{-n}" for k, n in total.items() if n < 0 and k != "1"]
-    under = f"({'*'.join(below)})" if len(below) > 1 else "".join(below)
-    return f"{'*'.join(above) or '1'}{f'/{under}' if under else ''}"
+    return _spelled(total)
 
 
 def _sorted(powers: dict[str, int]) -> Dimension:
     return tuple(sorted(powers.items()))
 
 
-class AngularFrequency(str):
-    """The label of an angular frequency, such as a natural frequency: it is displayed as it is, a speed in degrees."""
+class DisplayedUnit(str):
+    """The label of a unit that is displayed in another one of the same quantity: that of a recording, for example."""
+
+    shown: str
+
+    def __new__(cls, label: str, shown: str) -> DisplayedUnit:
+        """The label, to be displayed as ``shown``."""
+        one = super().__new__(cls, label)
+        one.shown = shown
+        return one
+
+    def __reduce__(self) -> tuple[type[DisplayedUnit], tuple[str, str]]:
+        return DisplayedUnit, (str(self), self.shown)
 
 
-ANGULAR_FREQUENCY = AngularFrequency("rad/s")
-DISPLAY_UNITS = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2", "rad/min": "deg/min"}
-"""Unit -> unit in which it is displayed."""
+DISPLAY_UNITS = {"rad": "deg"}
+"""Unit -> unit in which it is displayed. Speeds in rad/s, mostly those of motors, are displayed as they are."""
 
 
 def display_unit(label: str) -> tuple[float, str]:
-    """Factor and unit for display: angles and their rates in degrees, angular frequencies and all else unchanged."""
-    wanted = label if isinstance(label, AngularFrequency) else DISPLAY_UNITS.get(label, label)
+    """Factor and unit for display: that of a recording where the label has one, angles in degrees, all else as it is.
+
+    Rates of a signal (``times``, ``unit_over``) are displayed as the signal is: that of an angle in deg/s.
+    """
+    wanted = label.shown if isinstance(label, DisplayedUnit) else DISPLAY_UNITS.get(label, label)
     return (factor(label, wanted) if wanted != label else 1.0), wanted
+
+
+def displayed_in(label: str, recorded: Iterable[str]) -> str:
+    """The label, displayed in the first of some units that measures the same quantity; as it is where none does."""
+    if not is_unit(label):
+        return label
+    alike = (one for one in recorded if is_unit(one) and parse(one).dimension == parse(label).dimension)
+    _, shown = display_unit(next(alike, label))
+    return label if shown == display_unit(label)[1] else DisplayedUnit(str(label), shown)
+
+
+def _derived(label: str, unit: Callable[[str], str]) -> str:
+    """The unit of a quantity derived from a signal, displayed in the unit derived from that of the signal."""
+    made, shown = unit(str(label)), unit(display_unit(label)[1])
+    return made if shown == made else DisplayedUnit(made, shown)
+
+
+def unit_over(label: str, below: str) -> str:
+    """The label over another one, ``deg/min``; displayed as the label above is, and as a recorded signal below."""
+    if not isinstance(below, DisplayedUnit):
+        return _derived(label, lambda above: f"{above}/{below}")
+    return DisplayedUnit(f"{label}/{below}", f"{display_unit(label)[1]}/{below.shown}")
 
 
 PREFIXED = ("s", "Hz", "m", "N", "A", "V", "W", "J", "Pa", "ohm", "H", "Nm")
@@ -265,7 +297,17 @@ def axis_unit(label: str, size: float) -> tuple[float, str]:
 
 
 def times(label: str, power_of: str, exponent: int = 1) -> str:
-    """A readable label for ``label * power_of**exponent`` (used for rates and integrals)."""
+    """A readable label for ``label * power_of**exponent`` (used for rates and integrals).
+
+    A rate is displayed as the signal is, an integral of a recorded signal too.
+    """
+    if isinstance(label, DisplayedUnit) or (power_of == "s" and exponent == -1):
+        return _derived(label, lambda unit: _times(unit, power_of, exponent))
+    return _times(label, power_of, exponent)
+
+
+def _times(label: str, power_of: str, exponent: int) -> str:
+    """As ``times``, of a plain label."""
     if label in ("", "1"):
         return power_of if exponent == 1 else f"1/{power_of}"
     if exponent == 1:
@@ -283,12 +325,20 @@ def quotient(above: str, below: str) -> str:
     """A readable label for one unit over another, ``kN/mm``; empty where they are one, or one is not known."""
     if not above or not below or same(above, below):
         return ""
-    label = above
-    for word, sign in _words(below):
-        name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
-        for _ in range(abs(int(power or 1))):
-            label = times(label, name, -sign if int(power or 1) > 0 else sign)
-    return label
+    powers = dict[str, int]()
+    for label, side in ((above, 1), (below, -1)):
+        for word, sign in _words(label):
+            name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+            powers[name] = powers.get(name, 0) + side * sign * int(power or 1)
+    return _spelled(powers)
+
+
+def _spelled(powers: Mapping[str, int]) -> str:
+    """The label of a product of powers of units, in their order."""
+    above = [k if n == 1 else f"{k}^{n}" for k, n in powers.items() if n > 0 and k != "1"]
+    below = [k if n == -1 else f"{k}^{-n}" for k, n in powers.items() if n < 0 and k != "1"]
+    under = f"({'*'.join(below)})" if len(below) > 1 else "".join(below)
+    return f"{'*'.join(above) or '1'}{f'/{under}' if under else ''}"
 
 
 _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*", re.DOTALL)

@@ -123,7 +123,7 @@ def _diagnosed(diagnosis: Diagnosis) -> list[Markup]:
     segment, quiet = diagnosis.worst, diagnosis.verdict == "none"
     gap, colours = worst_gap(segment), model_colours(diagnosis.segments)
     worst = by_excess(output_traces(segment, gap.output))[0]
-    along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate, diagnosis.base))]
+    along = [one for w in segment.where[:1] if (one := profile(segment, gap.output, w.coordinate))]
     lines, name = line_colours(colours), worst.experiment
     return [
         *(profile_figure(one, explained=bool(diagnosis.effects), quiet=quiet) for one in along),

@@ -10,7 +10,7 @@ import attrs
 from tsmblocks.data import Record
 from tsmblocks.demo import compensators
 from tsmblocks.demo.compensators import Tracked
-from tsmblocks.demo.mechanism import HIDDEN, INTERVAL, NOISE, Hidden, measured, model, truth
+from tsmblocks.demo.mechanism import DEG, HIDDEN, INTERVAL, NOISE, Hidden, measured, model, truth
 from tsmblocks.diagnosis.diagnose import diagnose
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.fitting.fit import fit
@@ -67,7 +67,7 @@ def build_story(name: str, seed: int, progress: Callable[[str, float], None] | N
     found = fit(model(), filtered, seed=seed, step=FINE, start_states=True)  # as the diagnosis fits its base
     _raise_if_interrupted(found.status)
     progress("diagnosing", 0.2)
-    diagnosis = diagnose(model(), records, noise_floor=FLOOR, seed=seed, step=FINE)
+    diagnosis = diagnose(model(), records, noise_floor=f"{FLOOR / DEG}deg", seed=seed, step=FINE)
     _raise_if_interrupted(diagnosis.status)
     diagnosis = attrs.evolve(diagnosis, consequence=None, no_consequence=TRACKED if diagnosis.effects else "")
     progress("rebuilding the compensators", 0.7)

@@ -16,6 +16,7 @@ from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of, in_whole_diagram
 from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.diagnosis.quantities import recorded_units
 from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
 from tsmblocks.diagnosis.script import diagram_source
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
@@ -168,8 +169,8 @@ def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]
     settings = request.settings
     steps = sorted({experiment.times.h for diagnosed in parts for experiment in diagnosed.final.setup.experiments})
     floors = [
-        f"{k} {one.floors.given.get(k) or in_display_units(v, one.part.diagram.unit(k))} ({one.floors.method[k]})"
-        for one in parts
+        f"{k} {one.floors.given.get(k) or in_display_units(v, units[k])} ({one.floors.method[k]})"
+        for one, units in ((one, recorded_units(one.final.setup)) for one in parts)
         for k, v in one.floors.sigma.items()
     ]
     return {

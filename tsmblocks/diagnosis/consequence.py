@@ -10,6 +10,7 @@ from tsmblocks.blocks import FirstOrderLag, Integrator, Sum
 from tsmblocks.common.errors import TsmError
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.diagnosis.quantities import recorded_units
 from tsmblocks.diagnosis.result import Consequence
 from tsmblocks.fitting.experiments import grid_step
 from tsmblocks.metrics.tracking import peak_to_peak, rms
@@ -53,7 +54,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     unit = augmented.diagram.unit(outlet)
     if not unit or augmented.diagram.inports[inlet].unit != unit:
         return ""
-    record = experiment.record
+    record, unit = experiment.record, recorded_units(base.setup)[outlet]
     wanted, plant = record.values(inlet, unit), _of_first_experiment(augmented)
     models = [None, _of_first_experiment(base), plant]
     step = grid_step(record.t)  # the median is robust to rounded time stamps

@@ -32,6 +32,7 @@ from tsmblocks.diagnosis.noise_floor import doubtful_floors, input_noise_rms, no
 from tsmblocks.diagnosis.partition import Part, partition
 from tsmblocks.diagnosis.plain_states import with_plain_states
 from tsmblocks.diagnosis.preparation import Prepared, prepared
+from tsmblocks.diagnosis.quantities import recorded_units
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
 from tsmblocks.diagnosis.result import Diagnosis
@@ -227,7 +228,8 @@ def _diagnosed(
         count, final, left, notes = 0, rounds[0].base, predicted, []
         varying = varying_factor(final, request.settings.seed)
     notes += _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
-    notes = [*ready.notes, *doubtful_floors(ready.floors, final.residual_rms, part.diagram), *_of(part, notes)]
+    doubts = doubtful_floors(ready.floors, final.residual_rms, recorded_units(final.setup))
+    notes = [*ready.notes, *doubts, *_of(part, notes)]
     final = final if interrupted else with_plain_states(final)
     results = (rounds, count, final, predicted, left, varying, omitted, ready.filtered)
     return DiagnosedPart(part, search, ready.floors, *results), interrupted, notes

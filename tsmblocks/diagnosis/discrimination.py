@@ -20,6 +20,7 @@ from tsmblocks.diagnosis.partition import PIECE_SEPARATOR, split_into_pieces
 from tsmblocks.diagnosis.presentation import digits, in_display_units
 from tsmblocks.effects import Span, span_of
 from tsmblocks.fitting.parameter_vector import Unknowns
+from tsmblocks.fitting.recordings import as_recorded
 
 EXPERIMENT_SAMPLES = 2500
 """Samples of a proposed experiment, at the sampling step of the recordings. Chosen: as in the paper."""
@@ -85,7 +86,7 @@ def separations(
     settings = attrs.evolve(settings, window=None)  # all of a motion is compared
     # sampled blocks keep their sampling instants
     step = experiment.times.h * max(round(experiment.record.step / experiment.times.h), 1)
-    unit = named.model.diagram.unit(inputs[0])
+    unit = as_recorded(named.model.diagram, inputs[0], records.values())
     span = span_of([r.values(inputs[0], unit) for r in records.values()], [r.step for r in records.values()])
     piece = max(float(r.t[-1] - r.t[0]) for r in records.values())
     cut = any(PIECE_SEPARATOR in name for name in records)

@@ -16,7 +16,7 @@ from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
-from tsmblocks.diagnosis.quantities import detectable_size
+from tsmblocks.diagnosis.quantities import detectable_size, displayed_unit, recorded_units
 from tsmblocks.diagnosis.result import DetectionLimit
 from tsmblocks.diagnosis.screening import MIN_SENSITIVITY, absorbing
 from tsmblocks.diagnosis.screening_score import ScreeningScore
@@ -53,9 +53,10 @@ def detection_limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     by_noise = critical_gains(scores, square(last.base.r), screened.multiplicity)
     excess = max(diagnosed.losses[-1] - noise, 0.0)  # an effect has to remove its share of this as well
     material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
+    recorded = recorded_units(last.base.setup)
     for p in scores:
         name = p.candidate.effect.name
-        if name not in found and (limit := _limit(p, max(material * len(last.base.r), by_noise[p]))):
+        if name not in found and (limit := _limit(p, max(material * len(last.base.r), by_noise[p]), recorded)):
             found[name] = limit
     placed = _names_with_a_place(diagnosed, screened)
     for one in diagnosed.search.effects:
@@ -68,17 +69,17 @@ def detection_limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     return tuple(sorted(found.values(), key=lambda m: order[m.name]))
 
 
-def _limit(score: ScreeningScore, detectable: float) -> DetectionLimit | None:
+def _limit(score: ScreeningScore, detectable: float, recorded: Mapping[str, str]) -> DetectionLimit | None:
     """The smallest detectable size of a candidate that makes sense; None where there is none.
 
     A replacement has none: it begins at no null.
     """
     candidate = score.candidate
     for one in [] if isinstance(candidate.effect, Replacement) else score.limits(detectable):
-        name, size, unit = detectable_size(candidate, one.parameter, one.value, one.shape)
+        name, size, unit = detectable_size(candidate, one.parameter, one.value, one.shape, recorded)
         if not _is_beyond(candidate, one.parameter, name, abs(size)):
             effect = candidate.effect
-            value, own = abs(one.value), _unit(score, one.parameter)
+            value, own = abs(one.value), displayed_unit(_unit(score, one.parameter), candidate, recorded)
             return DetectionLimit(effect.name, one.parameter, value, own, effect.excites, name, size, unit)
     return None
 
@@ -130,7 +131,9 @@ def _absorbed_by(score: ScreeningScore, base: Model) -> dict[str, str]:
     shape, candidate = next(s for s in score.shapes if s.absorbed_by), score.candidate
     sizes = candidate.trials.strengths or {"": 0.0}
     parameter, trial = next(iter(sizes.items()))
-    _, size, unit = detectable_size(candidate, parameter, abs(trial), shape.shape) if trial else ("", 0.0, "")
+    size, unit = 0.0, ""
+    if trial:
+        _, size, unit = detectable_size(candidate, parameter, abs(trial), shape.shape, recorded_units(base.setup))
     return _in_words(shape.absorbed_by, base, size, unit)
 
 
@@ -148,7 +151,7 @@ def _of_sensor(score: ScreeningScore, base: Model) -> dict[str, str]:
     if square(change) - square(components) > MIN_SENSITIVITY * square(change):
         return {}
     moves = absorbing(space, components, base.problem.unknowns.names)
-    return _in_words(moves, base, 1.0, base.diagram.unit(output))
+    return _in_words(moves, base, 1.0, recorded_units(base.setup)[output])
 
 
 def _in_words(moves: Mapping[str, float], base: Model, size: float, unit: str) -> dict[str, str]:

@@ -15,6 +15,7 @@ from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, Noise, fast_noise_of_re
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.fitting.recordings import as_recorded
 from tsmblocks.model.diagram import Diagram
 
 GIVEN = "given"
@@ -170,7 +171,7 @@ def lowered_noise_floors(
     for name, share in residual_rms.items():
         if share * MAX_FLOOR_RATIO >= 1:
             continue
-        unit = diagram.unit(name)
+        unit = as_recorded(diagram, name, records.values())
         floor, rms = (in_display_units(k * sigma[name], unit) for k in (1.0, share))
         if method[name] == GIVEN:
             meant = f" ({unit})" if unit else ""
@@ -192,16 +193,16 @@ def lowered_noise_floors(
     return attrs.evolve(found, sigma=sigma, method=method, low=low, high=high, recordings=recordings), more_notes
 
 
-def doubtful_floors(found: NoiseFloors, residual_rms: Mapping[str, float], diagram: Diagram) -> list[str]:
+def doubtful_floors(found: NoiseFloors, residual_rms: Mapping[str, float], units: Mapping[str, str]) -> list[str]:
     """Notes on estimated floors that are above the residual of the last model, which holds all of the noise.
 
-    ``residual_rms`` is that of each output, divided by its floor.
+    ``residual_rms`` is that of each output, divided by its floor; ``units`` are those of the outputs.
     """
     notes = list[str]()
     for name, share in residual_rms.items():
         if found.method[name] in (GIVEN, HIGH_FREQUENCIES) or share * MAX_FINAL_FLOOR_RATIO >= 1:
             continue
-        floor, rms = (in_display_units(k * found.sigma[name], diagram.unit(name)) for k in (1.0, share))
+        floor, rms = (in_display_units(k * found.sigma[name], units[name]) for k in (1.0, share))
         notes.append(
             f"the noise floor of {name} estimated from {found.method[name]}, {floor} rms, is too high: the residual of "
             f"the final model, which contains all noise, is smaller ({rms} rms). Small effects may be missed. Give the "

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, Segment
     from tsmblocks.diagnosis.settings import FloorParts, Simulated
 
-EFFECT_KEYS = {"across": "share_removed_across_experiments"}
+EFFECT_KEYS = {"across": "share_removed_across_experiments", "as_force": ""}
 RANKING_KEYS = {"gain": "held_out_gain", "new": "share_across", "t": "statistic", "units": ""}
 """Field -> key of ``diagnosis.json`` where they differ; empty for a field that is left out."""
 

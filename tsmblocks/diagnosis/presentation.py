@@ -12,7 +12,7 @@ from tsmblocks.common.rounding import LARGEST_PLAIN, plus_minus
 from tsmblocks.common.units import display_unit, heading
 from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
-from tsmblocks.diagnosis.residual_location import BIN_COUNT, COORDINATES, axis_title, binned, coordinates
+from tsmblocks.diagnosis.residual_location import BIN_COUNT, axis_title, binned, coordinate_unit, coordinates
 from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
 from tsmblocks.fitting.parameters import numbers
 from tsmblocks.model import parameter_units
@@ -47,7 +47,7 @@ def _plain(text: str) -> str:
 
 
 def in_display_units(value: float, unit: str) -> str:
-    """A number with its unit for display: three digits, angles in degrees."""
+    """A number with its unit for display: three digits, in the unit of a recording, angles in degrees."""
     k, shown = display_unit(unit)
     return f"{_plain(f'{k * value:.3g}')} {shown}".rstrip()
 
@@ -79,17 +79,23 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     if not effect.sizes:
         main = main_parameter(effect, segment)
         name, _, experiment = main.partition("@")
-        return [_with_name(name.rpartition(".")[2], effect.parameters[main], experiment)] if main else []
-    found: dict[str, tuple[Quantity, str]] = {}
+        return [_with_name(name.rpartition(".")[2], with_interval(effect.parameters[main]), experiment)] if main else []
+    found: dict[str, str] = {}
     for key, quantity in effect.sizes.items():
-        name, _, experiment = key.partition("@")
-        if name not in found or abs(quantity.value) > abs(found[name][0].value):
-            found[name] = (quantity, experiment)
-    return [_with_name(name, *one) for name, one in list(found.items())[:MAX_SIZES]]
+        name, _, _ = key.partition("@")
+        if name not in found or abs(quantity.value) > abs(effect.sizes[found[name]].value):
+            found[name] = key
+    return [_with_name(name, size_text(effect, key), key.partition("@")[2]) for name, key in found.items()][:MAX_SIZES]
 
 
-def _with_name(name: str, q: Quantity, experiment: str) -> str:
-    return f"{name} {with_interval(q)}" + (f" in {experiment}, where it is largest" if experiment else "")
+def size_text(effect: NamedEffect, name: str) -> str:
+    """A size of an effect with its interval; of an acceleration also what it is as a force."""
+    text, force = with_interval(effect.sizes[name]), effect.as_force.get(name, "")
+    return f"{text}, {force}" if force else text
+
+
+def _with_name(name: str, text: str, experiment: str) -> str:
+    return f"{name} {text}" + (f" in {experiment}, where it is largest" if experiment else "")
 
 
 def output_traces(segment: Segment, output: str) -> tuple[Trace, ...]:
@@ -230,11 +236,8 @@ class Profile:
     explained: np.ndarray
 
 
-def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) -> Profile | None:
-    """The mean residual of one output along a coordinate; None where the coordinate does not vary.
-
-    ``diagram`` has the units of the inputs.
-    """
+def profile(segment: Segment, output: str, coordinate: str) -> Profile | None:
+    """The mean residual of one output along a coordinate; None where the coordinate does not vary."""
     traces = output_traces(segment, output)
     parts, count = [], 0
     for number, one in enumerate(traces):
@@ -253,10 +256,8 @@ def profile(segment: Segment, output: str, coordinate: str, diagram: Diagram) ->
     rows = [(x[b].mean(), *_mean(before[b], blocks[b]), *_mean(after[b], blocks[b]), explained[b].mean()) for b in bins]
     table = np.array(rows).T
     first = traces[0]
-    moving, own = (first.drive_name, diagram.unit(first.drive_name)) if len(first.drive) else (output, first.unit)
-    rate, _ = COORDINATES[coordinate]
-    unit = rate if "{}" not in rate else rate.format(own) if own else ""
-    return Profile(axis_title(coordinate, moving, own), unit, first.unit, *table)
+    moving, own = (first.drive_name, first.drive_unit) if len(first.drive) else (output, first.unit)
+    return Profile(axis_title(coordinate, moving, own), coordinate_unit(coordinate, own), first.unit, *table)
 
 
 def _mean(values: np.ndarray, blocks: np.ndarray) -> tuple[float, float]:

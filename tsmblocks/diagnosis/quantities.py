@@ -2,49 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 import attrs
 import numpy as np
 
+from tsmblocks.blocks import Gain
+from tsmblocks.common.units import display_unit, displayed_in, is_unit, parse, times
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.result import Quantity
+from tsmblocks.diagnosis.plain_values import limit_quantity
+from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.diagnosis.result import DetectionLimit, Quantity
 from tsmblocks.effects.effect import sizes_of
+from tsmblocks.fitting.recordings import as_recorded
+from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import intervals
+from tsmblocks.model.diagram import Diagram
 
 LEVEL = 0.95
 """Confidence level of intervals. Source: convention."""
 DIFFERENCE = 1e-3
 """Step of the derivatives of sizes [standard errors]. Chosen: sizes are smooth over it, and rounding is not seen."""
 
+OF_ACCELERATIONS = (("m", "mass", "force"), ("rad", "inertia", "torque"))
+FORCES = {parse(f"{unit}/s^2").dimension: (by, force) for unit, by, force in OF_ACCELERATIONS}
+"""By what an acceleration is multiplied for a force, and what force that is."""
+
 
 @attrs.frozen(eq=False)
 class Estimate:
-    """The parameters of the last model, with covariance (p, p) and degrees of freedom (p,)."""
+    """The parameters of the last model, with covariance (p, p) and degrees of freedom (p,).
+
+    ``recorded`` are the units of the recorded signals, in which quantities are displayed.
+    """
 
     model: Model
     covariance: np.ndarray
     freedom: np.ndarray
+    recorded: Mapping[str, str] = attrs.field(factory=dict)
 
     @classmethod
     def of(cls, models: Sequence[Model]) -> Estimate:
         """The estimate of the last of some models; the first one has no effects."""
         model = models[-1]
         found = uncertainty_of_effects(model, models[0])
-        return cls(model, found.covariance, np.broadcast_to(found.freedom, len(model.theta)))
+        freedom = np.broadcast_to(found.freedom, len(model.theta))
+        return cls(model, found.covariance, freedom, recorded_units(model.setup))
 
     def parameters(self, candidate: Candidate) -> dict[str, Quantity]:
         """The fitted parameters of an effect; those with a value in each experiment come last."""
         theta = self.model.theta
         low, high = intervals(theta, self.covariance, self.freedom)
         every = zip(self.model.problem.unknowns.items, theta, low, high, strict=True)
-        return {
-            item.name.removeprefix(f"{candidate.block}."): Quantity(float(value), float(below), float(above), item.unit)
-            for item, value, below, above in sorted(every, key=lambda one: bool(one[0].experiment))
-            if item.parameter in candidate.free
-        }
+        found = {}
+        for item, value, below, above in sorted(every, key=lambda one: bool(one[0].experiment)):
+            if item.parameter in candidate.free:
+                unit = displayed_unit(item.unit, candidate, self.recorded)
+                found[item.name.removeprefix(f"{candidate.block}.")] = Quantity(
+                    float(value), float(below), float(above), unit
+                )
+        return found
 
     def sizes(self, candidate: Candidate) -> dict[str, Quantity]:
         """The sizes of an effect, those with a value in each experiment under ``name@experiment``.
@@ -73,7 +93,7 @@ class Estimate:
 
         effect = candidate.effect
         values = {k.removeprefix(f"{candidate.block}."): v for k, v in self.model.values.items()}
-        without = _sizes_with(candidate, {**values, **effect.null}, _units(candidate))
+        without = _sizes_with(candidate, {**values, **effect.null}, _units(candidate, self.recorded))
         own = [
             one for key, one in self.sizes(candidate).items() if without.get(key.partition("@")[0], (1.0, ""))[0] == 0
         ]
@@ -82,7 +102,7 @@ class Estimate:
 
     def _sizes(self, candidate: Candidate, columns: Mapping[str, int]) -> dict[str, tuple[Quantity, set[int]]]:
         """Sizes with the parameters in some columns, each with the columns that it depends on."""
-        at, units = list(columns.values()), _units(candidate)
+        at, units = list(columns.values()), _units(candidate, self.recorded)
         theta, wide = self.model.theta[at], np.sqrt(np.diag(self.covariance)[at])
         values = _sizes(candidate, columns, theta, units)
         steps = np.where(np.isfinite(wide) & (wide > 0), DIFFERENCE * wide, 1e-6 * np.maximum(np.abs(theta), 1e-6))
@@ -109,15 +129,21 @@ class Estimate:
 
 
 def detectable_size(
-    candidate: Candidate, parameter: str, limit: float, shape: Mapping[str, float]
+    candidate: Candidate,
+    parameter: str,
+    limit: float,
+    shape: Mapping[str, float],
+    recorded: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[str, float, str]:
     """The size, with its name and unit, that an effect has at the detection limit of a parameter.
+
+    ``recorded`` are the units of the recorded signals.
 
     It is the first that is in proportion to this parameter whatever the others are, at all shapes of the trials; else
     the first that is so for the ``shape`` that has this limit; else, where the size is part of the shape, the first of
     this shape. Empty where there is none.
     """
-    units, null, shapes = _units(candidate), dict(candidate.effect.null), candidate.trials.shapes
+    units, null, shapes = _units(candidate, recorded), dict(candidate.effect.null), candidate.trials.shapes
     lowest = min((one.get(parameter, 0.0) for one in shapes), default=0.0)
     negative = shape.get(parameter, lowest) < 0  # a lower limit; a strength has no sign
     values = (-abs(limit), -2 * abs(limit)) if negative else (limit, 2 * limit)
@@ -149,7 +175,54 @@ def _sizes_with(
     return sizes_of(candidate.effect, {**fixed, **given}, candidate.scales, units)
 
 
-def _units(candidate: Candidate) -> tuple[str, str]:
-    """The units of the signal on which an effect acts, and of the second one; empty where none is known."""
-    wire = unit_of_signal(candidate.diagram, candidate.point.signal)
-    return wire, unit_of_signal(candidate.diagram, candidate.point.other) if candidate.point.other else wire
+def recorded_units(setup: Setup) -> dict[str, str]:
+    """The units of the outputs and inputs of a model, displayed in those of the recordings."""
+    records = [one.record for one in setup.experiments]
+    return {name: as_recorded(setup.diagram, name, records) for name in (*setup.outputs, *setup.diagram.inports)}
+
+
+def displayed_unit(unit: str, candidate: Candidate, recorded: Mapping[str, str]) -> str:
+    """The unit of a parameter of an effect, displayed as the signals on which it acts, and as their rates."""
+    signals = [*_units(candidate, recorded), *recorded.values()]
+    return displayed_in(unit, [*signals, *(times(one, "s", -1) for one in signals[:2] if one)])
+
+
+def _units(candidate: Candidate, recorded: Mapping[str, str]) -> tuple[str, str]:
+    """The units of the signal on which an effect acts, and of the second one; empty where none is known.
+
+    They are displayed in the unit of a recorded signal of the same quantity, of the one on the wire first.
+    """
+    point = candidate.point
+
+    def unit(signal: str) -> str:
+        own = [recorded.get(name, "") for name in (signal, point.output)]
+        return displayed_in(unit_of_signal(candidate.diagram, signal), [*own, *recorded.values()])
+
+    wire = unit(point.signal)
+    return wire, unit(point.other) if point.other else wire
+
+
+def as_force(size: Quantity, signal: str, diagram: Diagram) -> str:
+    """What a size on a signal that is an acceleration is as a force, in a phrase; empty for any other.
+
+    Behind a gain, as that of 1/m, it is the size over the gain at the input of that block.
+    """
+    dimensions = [parse(unit).dimension for unit in (size.unit, unit_of_signal(diagram, signal)) if is_unit(unit)]
+    if len(dimensions) < 2 or dimensions[0] != dimensions[1] or dimensions[0] not in FORCES:
+        return ""
+    name = signal.rpartition(".")[0]
+    gain, unit = diagram.blocks.get(name), unit_of_signal(diagram, f"{name}.u")
+    if isinstance(gain, Gain) and gain.gain and is_unit(unit) and parse(unit).dimension not in FORCES:
+        return f"{in_display_units(size.value / abs(gain.gain), unit)} at the input of {name}"
+    by, force = FORCES[dimensions[0]]
+    return f"an acceleration: times the {by}, a {force}"
+
+
+def acceleration_note(limits: Iterable[DetectionLimit]) -> str:
+    """A remark on detection limits that are accelerations; empty where none is."""
+    labels = (display_unit(limit_quantity(one)[2])[1] for one in limits if one.value is not None)
+    found = {
+        unit: FORCES[parse(unit).dimension] for unit in labels if is_unit(unit) and parse(unit).dimension in FORCES
+    }
+    said = [f"Sizes in {unit} are accelerations: times the {by}, {force}s." for unit, (by, force) in found.items()]
+    return " ".join(said)

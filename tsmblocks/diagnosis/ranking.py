@@ -9,6 +9,7 @@ import attrs
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
+from tsmblocks.diagnosis.quantities import displayed_unit, recorded_units
 from tsmblocks.diagnosis.rejection import INDISTINGUISHABLE, MORE_GENERAL, WORSE_BESIDE_OTHERS, alternatives_to, why_not
 from tsmblocks.diagnosis.result import RankedCandidate
 from tsmblocks.diagnosis.search_rounds import SearchRound
@@ -80,6 +81,7 @@ def _fitted_row(
     named, in_set, reason = _outcome(diagnosed, number, searched, one, indistinguishable)
     across = mean_loss(searched.experiment_losses, blocks)
     several = diagnosed.has_several_experiments
+    recorded = recorded_units(one.model.setup)
     removed = across - mean_loss(one.experiment_losses, blocks) if several else float("nan")
     return attrs.evolve(
         _row(diagnosed, number, searched, one.candidate, mean_loss(searched.losses, blocks) - one.loss),
@@ -92,7 +94,7 @@ def _fitted_row(
         at_bound=one.at_bounds,
         why_not=reason,
         parameters={name: one.model.values[item.name] for name, item in items.items()},
-        units={name: item.unit for name, item in items.items()},
+        units={name: displayed_unit(item.unit, one.candidate, recorded) for name, item in items.items()},
     )
 
 

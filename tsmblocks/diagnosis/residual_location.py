@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tsmblocks.common.units import base_unit, is_unit
+from tsmblocks.common.units import base_unit, is_unit, times
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.result import ResidualCoordinate
 
@@ -25,17 +25,18 @@ MIN_BIN_SAMPLES = 10
 """Samples of the other folds beyond which the mean of a bin is used. Chosen."""
 _SINCE = "since the last reversal, with the sign of the direction"
 COORDINATES = {
-    "position": ("{}", "the error depends on the position"),
-    "direction": ("", "the sign of the error depends on the direction"),
-    "direction x position": ("{}", "the error grows with the position, with the sign of the direction"),
-    "speed": ("{}/s", "the error depends on the speed"),
-    "acceleration": ("{}/s^2", "the error depends on the acceleration"),
-    "distance since reversal": ("{}", f"the error depends on the distance {_SINCE}"),
+    "position": (0, "the error depends on the position"),
+    "direction": (None, "the sign of the error depends on the direction"),
+    "direction x position": (0, "the error grows with the position, with the sign of the direction"),
+    "speed": (1, "the error depends on the speed"),
+    "acceleration": (2, "the error depends on the acceleration"),
+    "distance since reversal": (0, f"the error depends on the distance {_SINCE}"),
     "time since reversal": ("s", f"the error depends on the time {_SINCE}"),
     "session time": ("s", "the error drifts over the recordings"),
-    "experiment": ("", "the error differs from experiment to experiment"),
+    "experiment": (None, "the error differs from experiment to experiment"),
 }
-"""The unit of each coordinate, with that of the motion for the braces, and the meaning of a dependence on it."""
+"""Of each coordinate the order of the derivative of the motion that gives its unit, or the unit (None: it has none),
+and the meaning of a dependence on it."""
 
 MOTIONS = ("", "1", "rad", "m")
 """Units of signals that are motions; a coordinate of any other signal is called by the signal's name."""
@@ -63,6 +64,16 @@ def axis_title(coordinate: str, signal: str, unit: str) -> str:
     """The title of an axis of a coordinate of a signal [unit]; where it has the sign of the direction, it says so."""
     signed = COORDINATES[coordinate][1].endswith("with the sign of the direction")
     return words_for(coordinate, signal, unit) + (f", negative where {signal or 'it'} falls" if signed else "")
+
+
+def coordinate_unit(coordinate: str, unit: str) -> str:
+    """The unit of a coordinate of a signal [unit], displayed as the signal is; empty where none is known."""
+    order, _ = COORDINATES[coordinate]
+    if not isinstance(order, int):
+        return order or ""
+    for _ in range(order if unit else 0):
+        unit = times(unit, "s", -1)
+    return unit
 
 
 def coordinates(t: np.ndarray, x: np.ndarray, experiment: int) -> dict[str, np.ndarray]:

@@ -41,7 +41,7 @@ class NamedEffect:
     are measurable quantities (an amplitude, a gap, a frequency), derived from ``parameters``, the most informative
     first; empty for an effect that defines none. ``other_places`` are the insertion points at which the same effect is
     indistinguishable from this one, ``other_forms`` its indistinguishable variants, and ``why_named`` why it is named
-    rather than those.
+    rather than those. ``as_force`` says of sizes that are accelerations what they are as forces.
     """
 
     name: str
@@ -60,6 +60,7 @@ class NamedEffect:
     other_places: tuple[str, ...] = ()
     other_forms: tuple[str, ...] = ()
     why_named: str = ""
+    as_force: Mapping[str, str] = attrs.field(factory=dict)
 
 
 @attrs.frozen
@@ -165,8 +166,8 @@ class Consequence:
 class Trace:
     """One output of one experiment: instants [s], and in ``unit`` measured, simulated before, simulated after.
 
-    ``drive`` is the input (empty where there is none), ``excess`` (blocks, 3) start, stop [s] and mean squared
-    residual of the base in each time block [noise variances].
+    ``drive`` is the input in ``drive_unit`` (empty where there is none), ``excess`` (blocks, 3) start, stop [s] and
+    mean squared residual of the base in each time block [noise variances].
     """
 
     experiment: str
@@ -179,6 +180,7 @@ class Trace:
     drive: np.ndarray = attrs.field(repr=False)
     drive_name: str
     excess: np.ndarray = attrs.field(repr=False)
+    drive_unit: str = ""
 
 
 @attrs.frozen(eq=False)

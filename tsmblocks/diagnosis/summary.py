@@ -15,7 +15,7 @@ from tsmblocks.diagnosis.discrimination import separating_experiment
 from tsmblocks.diagnosis.limits import detection_limits
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram, rows_of_experiments
-from tsmblocks.diagnosis.quantities import Estimate
+from tsmblocks.diagnosis.quantities import Estimate, as_force, recorded_units
 from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.rejection import alternatives_to, why_named
@@ -110,6 +110,7 @@ def _named(
     points = [in_whole_diagram(one.point, diagnosed.part) for one in (candidate, *same_name)]
     _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
     here = [one.candidate.effect.variant for one in others if one.candidate.key[::2] == candidate.key[::2]]
+    sizes, final = estimate.sizes(candidate), diagnosed.final.fitted_diagram
     forms = dict.fromkeys(one for one in here if one != effect.variant)
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
@@ -127,10 +128,11 @@ def _named(
         second_frequency(effect.name, also, diagnosed.search.only_frequency)
         or separating_experiment(same, indistinguishable, diagnosed.search.records, diagnosed.search.settings),
         point.code(candidate.block, effect.block),
-        estimate.sizes(candidate),
+        sizes,
         tuple(elsewhere),
         tuple(forms),
         why_named(same, [one for one in others if one is not same]),
+        {name: text for name, one in sizes.items() if (text := as_force(one, candidate.point.signal, final))},
     )
 
 
@@ -165,7 +167,7 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         given = f"{given} given{more}"
     return Gap(
         name,
-        base.diagram.unit(name),
+        recorded_units(base.setup)[name],
         sigma * float(np.sqrt(diagnosed.search.noise_variance)),
         diagnosed.floors.method[name],
         tuple(rms(m.r, rows) for m in diagnosed.models),
@@ -207,12 +209,13 @@ def _traces(diagnosed: DiagnosedPart) -> tuple[Trace, ...]:
     """Measured and simulated signals for figures."""
     base, final, inputs = diagnosed.models[0], diagnosed.models[-1], list(diagnosed.part.diagram.inputs)
     outputs, result, segments = list(enumerate(base.setup.outputs)), list[Trace](), iter(base.problem.segments)
+    units = recorded_units(base.setup)
     for experiment, (i, name) in itertools.product(base.setup.experiments, outputs):
         rows, sigma, measured = next(segments), diagnosed.floors.sigma[name], experiment.measured[:, i]
         trace = Trace(
             experiment.name,
             name,
-            base.diagram.unit(name),
+            units[name],
             experiment.t,
             measured,
             measured + sigma * base.r[rows],
@@ -220,6 +223,7 @@ def _traces(diagnosed: DiagnosedPart) -> tuple[Trace, ...]:
             _drive(experiment, base, inputs[0]) if inputs else np.empty(0),
             inputs[0] if inputs else "",
             _blocks(base.r[rows], diagnosed.blocks.block[rows], experiment.t),
+            units[inputs[0]] if inputs else "",
         )
         result.append(trace)
     return tuple(result)

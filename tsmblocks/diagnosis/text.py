@@ -23,8 +23,10 @@ from tsmblocks.diagnosis.presentation import (
     floor_sentence,
     in_display_units,
     output_traces,
+    size_text,
     with_interval,
 )
+from tsmblocks.diagnosis.quantities import acceleration_note
 from tsmblocks.diagnosis.rejection import LEFT_OUT
 from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.diagnosis.script import script_lines
@@ -215,7 +217,7 @@ def share_across_experiments(one: RankedCandidate, experiments: int) -> float:
 def _added(diagnosis: Diagnosis) -> list[str]:
     parts = []
     for effect in diagnosis.effects:
-        sizes = [[name, with_interval(q)] for name, q in effect.sizes.items()]
+        sizes = [[name, size_text(effect, name)] for name in effect.sizes]
         rows = [[name, with_interval(q)] for name, q in effect.parameters.items()]
         titled = [("", sizes), (", parameters of its block", rows)] if sizes else [("", rows)]
         parts += [
@@ -302,6 +304,7 @@ def _limits(segment: Segment, several: bool) -> str:
         rows = [[m.name, limit_text(m)] for m in detectable]
         beside = ", beside the effects named" if named else ""
         parts.append(f"smallest detectable sizes{where}{beside}:\n{columns(rows, '  ', left=(0, 1))}")
+        parts += filter(None, [_filled(acceleration_note(detectable))])
     if undetectable:
         own = {cause: [m for m in undetectable if m.cause == cause] for cause in CAUSES}
         lines = [f"{CAUSES[cause]}: {', '.join(map(_without_limit, some))}" for cause, some in own.items() if some]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import attrs
 
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.common.units import times
+from tsmblocks.common.units import DisplayedUnit, times, unit_over
 from tsmblocks.effects.trials import Scales
 
 OWN_UNITS = ("{u}", "{x}")
@@ -78,7 +78,10 @@ class Size:
             return times(units.get(signal, signal), "s") if product else over
         if under == "s":
             return times(over, "s", -1)
-        return "" if over == under else f"{over or '1'}/{under}"
+        if over == under:
+            return ""
+        recorded = DisplayedUnit in {type(over), type(under)}
+        return unit_over(over or "1", under) if recorded or under == "min" else f"{over or '1'}/{under}"
 
 
 def in_proportion(name: str, parameter: str, unit: str = "{u}", factor: float = 1.0) -> Size:

@@ -110,6 +110,11 @@ def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple
     return diagram, notes
 
 
+def as_recorded(diagram: Diagram, name: str, records: Iterable[Record]) -> str:
+    """The unit of an input or output of a diagram, displayed in that of the first recording of it."""
+    return units.displayed_in(diagram.unit(name), (r.unit(name) for r in records if name in r))
+
+
 def _scaled_as(label: str, diagram: Diagram) -> str:
     """The unit of a quantity at the one scale that it and its rates have in a diagram, else its base unit."""
     own, base = units.parse(label), units.base_unit(label)

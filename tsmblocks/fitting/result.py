@@ -266,7 +266,7 @@ class Fit:
         )
 
     def __repr__(self) -> str:
-        one = self.differences.in_degrees()
+        one = self.differences.as_displayed()
         error = f"rms {one.rms:.4g} {one.unit}".rstrip()
         return f"Fit({self.diagram.title!r}, {self.status}, {len(self.estimates)} numbers, {error})"
 

@@ -19,7 +19,7 @@ from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.experiments import signal_of, span
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.parameter_vector import Unknowns
-from tsmblocks.fitting.recordings import recordings, with_adopted_units
+from tsmblocks.fitting.recordings import as_recorded, recordings, with_adopted_units
 from tsmblocks.fitting.setup import Setup, experiment_starts, set_up
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
@@ -91,8 +91,13 @@ class Difference:
         k = units.factor(self.unit, unit)
         return attrs.evolve(self, unit=unit, measured=k * self.measured, simulated=k * self.simulated)
 
+    def as_displayed(self) -> Difference:
+        """Return the same as people read it: in the unit of the recording, angles in degrees."""
+        _, shown = units.display_unit(self.unit)
+        return self.to(shown) if shown != self.unit else self
+
     def in_degrees(self) -> Difference:
-        """Return an angle in degrees, as people read it; anything else as it is."""
+        """Return an angle in degrees; anything else as it is."""
         angle = bool(self.unit) and units.parse(self.unit).dimension == units.parse("rad").dimension
         return self.to("deg") if angle else self
 
@@ -191,6 +196,16 @@ class Differences:
         """
         return view("plot", self, ax=ax, width=width)
 
+    def as_displayed(self) -> Differences:
+        """Return the same as people read it.
+
+        Returns
+        -------
+        Differences
+            Items in the units of the recordings, angles in degrees.
+        """
+        return Differences(self.title, tuple(d.as_displayed() for d in self.items))
+
     def in_degrees(self) -> Differences:
         """Return the same with angles in degrees.
 
@@ -224,7 +239,7 @@ class Differences:
 
     def __repr__(self) -> str:
         names = few(f"{d.experiment}, {d.output}" for d in self.items)
-        shown = self.in_degrees()
+        shown = self.as_displayed()
         return f"Differences({self.title!r}, {names}, {f'rms {shown.rms:.4g} {shown.unit}'.rstrip()})"
 
     def _repr_html_(self) -> str:
@@ -312,12 +327,13 @@ def score(
 def simulated_differences(setup: Setup, parameters: Sequence[np.ndarray]) -> Differences:
     """Differences of a set-up under parameters of each experiment. Raises NotFinite where a simulation diverges."""
     made = list[Difference]()
+    labels = {k: as_recorded(setup.diagram, k, (one.record for one in setup.experiments)) for k in setup.outputs}
     for experiment, p in zip(setup.experiments, parameters, strict=True):
         y, driven = experiment.outputs(p), _driven(setup.diagram, experiment.record, experiment.t)
         if not np.isfinite(y).all():
             raise_cause(setup.diagram, experiment, p)
         for i, name in enumerate(setup.outputs):
-            unit, counted = setup.diagram.unit(name), experiment.counted
+            unit, counted = labels[name], experiment.counted
             kept: Any = slice(None) if counted is None else counted[:, i] > 0
             inputs = {k: (values[kept], label) for k, (values, label) in driven.items()}
             t, measured, simulated = experiment.t[kept], experiment.measured[kept, i], y[kept, i]
@@ -335,7 +351,8 @@ def of_run(diagram: Diagram, run: Run, record: Record, outputs: Iterable[str]) -
     t, made = record.t[cut], list[Difference]()
     driven = _driven(diagram, record, t)
     for name in outputs:
-        unit, y = run.unit(name) or record.unit(name), np.interp(t, run.t, run[name])
+        unit = units.displayed_in(run.unit(name) or record.unit(name), [record.unit(name)])
+        y = np.interp(t, run.t, run[name])
         measured = signal_of(record.name, record, name, run.unit(name))[cut]
         made.append(Difference(record.name, name, unit, t, measured, y, driven))
     return Differences(run.title, tuple(made))
@@ -344,6 +361,9 @@ def of_run(diagram: Diagram, run: Run, record: Record, outputs: Iterable[str]) -
 def _driven(diagram: Diagram, record: Record, t: np.ndarray) -> dict[str, tuple[np.ndarray, str]]:
     """The inputs of an experiment at the instants ``t`` [s], in the units of the diagram's ports."""
     return {
-        name: (np.interp(t, record.t, record.values(name, port.unit)), port.unit or record.unit(name))
+        name: (
+            np.interp(t, record.t, record.values(name, port.unit)),
+            units.displayed_in(port.unit or record.unit(name), [record.unit(name)]),
+        )
         for name, port in diagram.inports.items()
     }

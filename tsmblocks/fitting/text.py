@@ -68,14 +68,14 @@ def estimate_rows(fit: Fit, some: Iterable[Estimate] | None = None) -> list[tupl
 
 
 def residual_table(differences: Differences) -> str:
-    """The table of residuals, angles in degrees."""
+    """The table of residuals, in the units of the recordings."""
     return columns(residual_rows(differences), left=(0, 3))
 
 
 def residual_rows(differences: Differences) -> list[tuple[str, ...]]:
     """The rows of the table of residuals, the heading first: signal, rms, largest, unit, fit, samples."""
     rows: list[tuple[str, ...]] = [("residual", "rms", "largest", "unit", "fit", "samples")]
-    shown = [d.in_degrees() for d in differences]
+    shown = [d.as_displayed() for d in differences]
     for d in shown:
         share = f"{d.fit_percent:.2f} %" if np.isfinite(d.fit_percent) else ""
         rows.append((f"{d.experiment}, {d.output}", f"{d.rms:.4g}", f"{d.largest:.4g}", d.unit, share, str(len(d.t))))
@@ -292,7 +292,7 @@ def row_doubts(row: Row) -> list[str]:
 
 
 def for_people(comparison: Comparison) -> tuple[float, str]:
-    """Factor and unit in which people read the errors of a comparison: angles in degrees."""
+    """Factor and unit in which people read the errors of a comparison: that of the recordings."""
     k, shown = units.display_unit(comparison.unit)
     return k, "of the spread" if comparison.is_share else shown
 

@@ -6,7 +6,7 @@ import functools
 
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
-from tsmblocks.diagnosis.presentation import with_interval
+from tsmblocks.diagnosis.presentation import size_text, with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.text import STATUS
 from tsmblocks.diagnosis.verdict_text import (
@@ -34,7 +34,8 @@ def diagnosis_card(diagnosis: Diagnosis) -> str:
     ]
     table = [("effect", "insertion point", "size", "removes", "indistinguishable from")]
     for e in diagnosis.effects:
-        sizes = "; ".join(f"{k} {with_interval(q)}" for k, q in (e.sizes or e.parameters).items())
+        texts = {k: size_text(e, k) for k in e.sizes} or {k: with_interval(q) for k, q in e.parameters.items()}
+        sizes = "; ".join(f"{name} {text}" for name, text in texts.items())
         table.append((e.name, e.wire.strip(), sizes, percent(e.share_removed), ", ".join(alternatives(e))))
     gaps = [gap_bars(s, g) for s in diagnosis.segments for g in s.gaps][:MOST_CHARTS]
     colours = [*model_colours(diagnosis.segments), ("ink", "on the data it was fitted to", "hollow")]

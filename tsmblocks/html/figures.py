@@ -14,10 +14,9 @@ from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.draw.picture import fitted, text_width
 from tsmblocks.html import charts
 from tsmblocks.html.charts import LEFT, RIGHT, TEXT, Frame, ends
-from tsmblocks.model.diagram import Diagram
 
-BAR, SPACE = 9, 9
-"""Height of a bar, and space between the bars of experiments [pixels]."""
+BAR, PITCH, SPACE = 8, 12, 6
+"""Height of a bar, distance of bars, in which a number fits, and more space between experiments [pixels]."""
 KINDS = ("measured", "before", "after")
 """Classes of lines, which give their colours."""
 QUIET = ("measured", "after")
@@ -38,14 +37,14 @@ def gap_bars(segment: Segment, gap: Gap) -> Markup:
     k, unit = display_unit(gap.unit)
     rows, count = gap_rows(segment, gap), len(gap.held_out)
     names = min(max(text_width(name, TEXT) for name, _, _ in rows) + 8, 112)
-    tall = count * BAR + SPACE
+    tall = count * PITCH + SPACE
     top, bottom = 24.0, 24.0 + tall * len(rows)
     largest = max(max(*values, *train) for _, values, train in rows)
     frame = Frame(names, top, RIGHT - 40, bottom, (0.0, k * max(largest, gap.noise_floor) * 1.02), (0.0, 1.0))
     parts = [charts.x_axis(frame, heading(f"rms of {gap.output}", unit))]
     for place, (name, values, train) in enumerate(rows):
         y, kind = top + tall * place + SPACE / 2, "" if place else "strong"
-        parts.append(charts.text(names - 6, y + count * BAR / 2 + 4, fitted(name, TEXT, names - 8), "end", kind))
+        parts.append(charts.text(names - 6, y + count * PITCH / 2 + 4, fitted(name, TEXT, names - 8), "end", kind))
         parts += _bars(frame, y, k, values, train, quiet=segment.verdict == "none")
     x = frame.across(k * gap.noise_floor)
     parts.append(charts.rule(x, top - 4, x, bottom, "line floor"))
@@ -62,68 +61,66 @@ def _bars(
     """The bars of one experiment: base first, a hollow one where the same model was fitted."""
     parts, last = [], len(values) - 1
     for step, value in enumerate(values):
-        top, end = y + step * BAR, frame.across(k * value)
+        top, end = y + step * PITCH + (PITCH - BAR) / 2, frame.across(k * value)
         kind = "before" if not (step or quiet) else "after" if step == last else "between"
-        parts.append(charts.box(frame.left, top, end - frame.left, BAR - 1.5, f"fill {kind}"))
+        parts.append(charts.box(frame.left, top, end - frame.left, BAR, f"fill {kind}"))
         edge = end
         if step in (0, last):
             edge = frame.across(k * train[1 if step else 0])
-            parts.append(charts.box(frame.left, top + 0.5, edge - frame.left, BAR - 2.5, "hollow"))
-        parts.append(charts.text(max(end, edge) + 4, top + BAR - 1.5, digits(k * value), kind="small"))
+            parts.append(charts.box(frame.left, top + 0.5, edge - frame.left, BAR - 1, "hollow"))
+        parts.append(charts.text(max(end, edge) + 4, top + BAR, digits(k * value), kind="small"))
     return parts
 
 
 # ---- one experiment ------------------------------------------------------------------------------
 
 
-def signals_chart(trace: Trace, count: int, over: Diagram | None = None, *, quiet: bool = False) -> Markup:
-    """The measured signal and those of the base and the final model, over time or over the input of a diagram.
+def signals_chart(trace: Trace, count: int, *, loop: bool = False, quiet: bool = False) -> Markup:
+    """The measured signal and those of the base and the final model, over time or as a loop over the input.
 
     ``count`` is that of the points of a line over time; ``quiet`` that nothing is missing.
     """
     k, unit = display_unit(trace.unit)
-    x, x_label, limits = _abscissa(trace, over)
+    x, x_label, limits = _abscissa(trace, loop=loop)
     kinds = QUIET if quiet else KINDS
     signals = [k * y for y in (trace.measured, *_models(trace))]
     frame = Frame(LEFT, 22, RIGHT, 150, limits, charts.spread(*signals))
     parts = [charts.axes(frame, x_label, heading(trace.output, unit))]
-    parts += [_line(frame, x, y, count, kind, over) for kind, y in zip(kinds, signals, strict=False)]
+    parts += [_line(frame, x, y, count, kind, loop=loop) for kind, y in zip(kinds, signals, strict=False)]
     words = f"{trace.output} of {trace.experiment} over time, measured and simulated"
-    return charts.chart(parts, 184, f"{trace.output} over {trace.drive_name} in {trace.experiment}" if over else words)
+    return charts.chart(parts, 184, f"{trace.output} over {trace.drive_name} in {trace.experiment}" if loop else words)
 
 
-def residual_chart(
-    trace: Trace, noise: float, count: int, over: Diagram | None = None, *, quiet: bool = False
-) -> Markup:
-    """The residual before and after, the noise as a band, over time or over the input of a diagram.
+def residual_chart(trace: Trace, noise: float, count: int, *, loop: bool = False, quiet: bool = False) -> Markup:
+    """The residual before and after, the noise as a band, over time or as a loop over the input.
 
     Over time the excess of each block of time is drawn above it; a loop over the input is one that the model lacks.
     """
     k, unit = display_unit(trace.unit)
-    x, x_label, limits = _abscissa(trace, over)
+    x, x_label, limits = _abscissa(trace, loop=loop)
     kinds = QUIET[1:] if quiet else KINDS[1:]
     residuals = [k * (trace.measured - y) for y in _models(trace)]
-    frame = Frame(LEFT, 22 if over else 46, RIGHT, 150, limits, charts.spread(*residuals, zero=True))
+    frame = Frame(LEFT, 22 if loop else 46, RIGHT, 150, limits, charts.spread(*residuals, zero=True))
     parts = [charts.axes(frame, x_label, ""), charts.band(frame, -2 * k * noise, 2 * k * noise, "noise")]
     parts.append(charts.text(2, 12, heading(f"residual of {trace.output}", unit)))
     for kind, y in zip(kinds, residuals, strict=False):
-        parts.append(_line(frame, x, y, count, f"{kind} thin", over))
-    if over:
+        parts.append(_line(frame, x, y, count, f"{kind} thin", loop=loop))
+    if loop:
         return charts.chart(parts, 184, f"residual of {trace.output} over {trace.drive_name} in {trace.experiment}")
     parts += _strip(trace, frame, kinds)
     return charts.chart(parts, 184, f"residual of {trace.output} in {trace.experiment} over time")
 
 
-def _abscissa(trace: Trace, over: Diagram | None) -> tuple[np.ndarray, str, tuple[float, float]]:
+def _abscissa(trace: Trace, *, loop: bool) -> tuple[np.ndarray, str, tuple[float, float]]:
     """Values along x, their label, and the ends of the axis."""
-    if over is None:
+    if not loop:
         return trace.t, "t [s]", ends(trace.t)
-    k, unit = display_unit(over.unit(trace.drive_name))
+    k, unit = display_unit(trace.drive_unit)
     return k * trace.drive, heading(trace.drive_name, unit), charts.spread(k * trace.drive)
 
 
-def _line(frame: Frame, x: np.ndarray, y: np.ndarray, count: int, kind: str, over: Diagram | None) -> str:
-    corners = charts.traced(frame, x, y, CORNERS * count) if over else charts.thinned(x, y, count)
+def _line(frame: Frame, x: np.ndarray, y: np.ndarray, count: int, kind: str, *, loop: bool) -> str:
+    corners = charts.traced(frame, x, y, CORNERS * count) if loop else charts.thinned(x, y, count)
     return charts.line(frame, *corners, kind)
 
 

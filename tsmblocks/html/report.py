@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -25,9 +26,11 @@ from tsmblocks.diagnosis.presentation import (
     in_display_units,
     output_traces,
     profile,
+    size_text,
     unit_of,
     with_interval,
 )
+from tsmblocks.diagnosis.quantities import acceleration_note
 from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment, Trace
 from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.diagnosis.text import (
@@ -61,6 +64,8 @@ MAX_POINTS, MIN_POINTS = 500, 100
 """Points of one line at most and at least. Chosen."""
 MAX_PARAMETERS = 5
 """Parameters of a candidate that are listed. Chosen: one with its own in each recording has many."""
+MAX_ROWS = 10
+"""Candidates of a round that were fitted and are shown at once; more are folded. Chosen."""
 LINE_BREAK = Markup("<br>")
 
 
@@ -152,21 +157,21 @@ def _disagreement(diagnosis: Diagnosis, segment: Segment) -> Iterator[dict[str, 
     points = max(MIN_POINTS, min(MAX_POINTS, MAX_TOTAL_POINTS // max(count, 1)))
     explained = bool(segment.effects)
     for gap in segment.gaps:
-        profiles = [profile(segment, gap.output, w.coordinate, diagnosis.base) for w in segment.where[:2]]
+        profiles = [profile(segment, gap.output, w.coordinate) for w in segment.where[:2]]
         traces = by_excess(output_traces(segment, gap.output))
-        worst, *others = [_experiment(diagnosis, segment, gap, one, points) for one in traces]
+        worst, *others = [_experiment(segment, gap, one, points) for one in traces]
         quiet = segment.verdict == "none"
         drawn = [profile_figure(one, explained=explained, quiet=quiet) for one in profiles if one]
         yield {"name": gap.output, "profiles": drawn, "worst": worst, "others": others}
 
 
-def _experiment(diagnosis: Diagnosis, segment: Segment, gap: Gap, trace: Trace, points: int) -> dict[str, Any]:
+def _experiment(segment: Segment, gap: Gap, trace: Trace, points: int) -> dict[str, Any]:
     k, unit = display_unit(trace.unit)
     before, after = (digits(k * v) for v in fitted_rms(trace))
     charts, quiet = [], segment.verdict == "none"
-    for over in [None, diagnosis.base] if len(trace.drive) else [None]:
-        charts.append(figures.signals_chart(trace, points, over, quiet=quiet))
-        charts.append(figures.residual_chart(trace, gap.noise_floor, points, over, quiet=quiet))
+    for loop in [False, True] if len(trace.drive) else [False]:
+        charts.append(figures.signals_chart(trace, points, loop=loop, quiet=quiet))
+        charts.append(figures.residual_chart(trace, gap.noise_floor, points, loop=loop, quiet=quiet))
     change = f"rms {before} → {after} {unit}" if before != after else f"rms {before} {unit}"
     made = [part("figure", chart) for chart in charts]
     return {"experiment": trace.experiment, "output": trace.output, "rms": change, "charts": made}
@@ -188,11 +193,14 @@ def _rounds(segments: Sequence[Segment], experiments: int) -> Iterator[dict[str,
     for segment, number in dict.fromkeys((s, r.round) for s in segments for r in s.ranking):
         rows = [r for r in segment.ranking if r.round == number]
         fitted = by_removed(r for r in rows if r.fitted)
+        at_once = [k < MAX_ROWS or r.named or r.in_set for k, r in enumerate(fitted)]
+        shown = [*itertools.compress(fitted, at_once)]
         yield {
             "segment": segment.name,
             "number": number,
-            "fitted": [_ranked(r, experiments) for r in fitted],
-            "kinds": ["named" if r.named else "" for r in fitted],
+            "fitted": [_ranked(r, experiments) for r in shown],
+            "weaker": [_ranked(r, experiments) for r, is_shown in zip(fitted, at_once, strict=True) if not is_shown],
+            "kinds": ["named" if r.named else "" for r in shown],
             "variants": explained(fitted, known),
             "nothing": nothing_to_remove(fitted) if fitted else "",
             "rest": [(*_where(r), in_table(r.share), r.words) for r in rows if not r.fitted],
@@ -225,7 +233,7 @@ def _marked(diagnosis: Diagnosis) -> str:
 
 def _sizes(effect: NamedEffect) -> Markup:
     """The sizes of an effect with intervals, one on each line."""
-    return LINE_BREAK.join(Markup("{} {}").format(name, with_interval(q)) for name, q in effect.sizes.items())
+    return LINE_BREAK.join(Markup("{} {}").format(name, size_text(effect, name)) for name in effect.sizes)
 
 
 def _numbers(diagnosis: Diagnosis, effect: NamedEffect) -> Markup:
@@ -257,7 +265,8 @@ def _limits(segment: Segment) -> dict[str, Any]:
     shown = (m for m in segment.limits if m.value is not None or m.name not in named)
     ordered = sorted(shown, key=lambda m: m.value is None)
     rows = [(m.name, limit_text(m), m.excites) for m in ordered]
-    return {"segment": segment.name, "rows": rows, "kinds": ["blind" if m.value is None else "" for m in ordered]}
+    kinds = ["blind" if m.value is None else "" for m in ordered]
+    return {"segment": segment.name, "rows": rows, "kinds": kinds, "note": acceleration_note(ordered)}
 
 
 def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:

@@ -223,8 +223,7 @@ def parameter(
     about : str
         Meaning of the parameter.
     unit : str, default ""
-        Its unit, as for ``Input``; that of a natural frequency is ``ANGULAR_FREQUENCY`` of ``tsmblocks.common.units``,
-        which is displayed in rad/s, as a speed is not.
+        Its unit, as for ``Input``.
     above, below : float, default -inf and inf
         Bounds that are excluded; for a tuple they hold for each element.
     at_least, at_most : float, default -inf and inf

@@ -36,8 +36,8 @@ def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None, *, width: float | None 
         trace = _worst(segment, gap)
         _bars(row[0], segment, gap)
         _traces(row[1], trace, gap, segment)
-        _loop(row[2], trace, segment, diagnosis)
-        _along(row[3], segment, gap, diagnosis)
+        _loop(row[2], trace, segment)
+        _along(row[3], segment, gap)
         head(row[0], f"{segment.name}: {segment.verdict}", weight="bold")
         head(row[1], trace.experiment)
         head(row[2], f"{trace.experiment}, {_stretch_text(trace)}")
@@ -81,7 +81,7 @@ def plot_coordinate(diagnosis: Diagnosis, ax: Any = None, *, width: float | None
     """Mean residual in bins of the coordinate that predicts it best, with standard errors, before and after."""
     segment = diagnosis.worst
     (panel,) = axes(ax, 1, height=2.3, width=width)
-    _along(panel, segment, worst_gap(segment), diagnosis)
+    _along(panel, segment, worst_gap(segment))
     key(panel)
     return panel.figure
 
@@ -141,11 +141,11 @@ def _traces(panel: Any, trace: Trace, gap: Gap, segment: Segment) -> None:
     dress(panel, t_label, heading(f"residual of {trace.output}", unit))
 
 
-def _loop(panel: Any, trace: Trace, segment: Segment, diagnosis: Diagnosis) -> None:
+def _loop(panel: Any, trace: Trace, segment: Segment) -> None:
     here = _worst_stretch(trace)
     x, label = in_time(trace.t[here])
     if len(trace.drive):
-        (x,), unit_in = scaled(diagnosis.base.unit(trace.drive_name), trace.drive[here])
+        (x,), unit_in = scaled(trace.drive_unit, trace.drive[here])
         label = heading(trace.drive_name, unit_in)
     curves, unit = scaled(trace.unit, *(y[here] for y in (trace.measured, trace.before, trace.after)))
     panel.plot(x, curves[0], color=MEASURED, lw=2.5, label="measured")
@@ -171,8 +171,8 @@ def _stretch_text(trace: Trace) -> str:
     return f"{t[0]:.3g} to {t[-1]:.3g} s"
 
 
-def _along(panel: Any, segment: Segment, gap: Gap, diagnosis: Diagnosis) -> None:
-    curve = profile(segment, gap.output, segment.where[0].coordinate, diagnosis.base) if segment.where else None
+def _along(panel: Any, segment: Segment, gap: Gap) -> None:
+    curve = profile(segment, gap.output, segment.where[0].coordinate) if segment.where else None
     if curve is None:
         panel.text(0.5, 0.5, "no coordinate predicts the residual", ha="center", color=INK, transform=panel.transAxes)
         panel.set_axis_off()

@@ -13,7 +13,14 @@ from tsmblocks.common import units
 from tsmblocks.common.errors import TsmError
 from tsmblocks.plots.style import NARROW, fix_ticks, is_own, new_figure, width_of
 
-QUANTITY = {"deg": "angle", "deg/s": "speed", "V": "voltage", "s": "time", "N": "force", "A": "current"}
+QUANTITY = {
+    "deg": "angle",
+    **dict.fromkeys(("rad/s", "deg/s", "rpm"), "speed"),
+    "V": "voltage",
+    "s": "time",
+    "N": "force",
+    "A": "current",
+}
 """Label of an axis shared by several signals of a unit."""
 FEW, MANY = 20.0, 2000.0
 """Ranges of a logarithmic axis: below, more ticks between powers of ten are needed; above, they would be too many."""

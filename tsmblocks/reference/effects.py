@@ -14,13 +14,14 @@ from tsmblocks.blocks import MultiSine
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
+from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.diagnosis.variants import VARIANT_WORDS, parts_of
 from tsmblocks.effects import Effect, Scales, Trials, span_of
 from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.plots.panels import shown
 from tsmblocks.reference import figures, rst, uses
-from tsmblocks.reference.blocks import bounds, default_text, own_unit
+from tsmblocks.reference.blocks import LETTERS, bounds, default_text, own_unit
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.simulate import simulate
 
@@ -50,6 +51,9 @@ INPUTS = {
     "x_in": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad"),
     "u": MultiSine(amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(math.pi / 2, math.pi / 2), unit="V"),
 }
+PLACE_IN_TRIALS = {"position_ripple": 1 / 8}
+"""Which of the trials of an effect its page shows, as a share of their list, where it is not the one in the middle: of
+ripples, one of a few periods over the range."""
 LINE = 0.7
 """Frequency of a disturbance on the pages [Hz]."""
 
@@ -91,8 +95,9 @@ def pages() -> dict[str, str]:
 
 
 def _words(some: list[Effect]) -> str:
-    """What an effect is, in all its variants."""
-    return "; ".join(dict.fromkeys(e.words for e in some))
+    """What an effect is, in all its variants, whether in front of the model or not."""
+    said = (e.words.removesuffix(" in front of the model").removesuffix(",") for e in some)
+    return "; ".join(dict.fromkeys(said))
 
 
 def _links(folder: str, names: Iterable[str]) -> str:
@@ -114,16 +119,19 @@ def page(name: str, some: list[Effect]) -> str:
         f":Distinguished by: {rst.words(first.separates)}",
         *([f":Contains: {contains}"] if contains else []),
     ]
+    has_letters = any("?" in _fields(e.block)[k].unit for e in some for k in e.free)
     opening = f"{rst.words(_capital(_words(some)))}."
-    return rst.page(rst.heading(name), opening, "\n".join(facts), *map(_variant, some, _titles(some)))
+    return rst.page(
+        rst.heading(name), opening, "\n".join(facts), LETTERS * has_letters, *map(_variant, some, _titles(some))
+    )
 
 
 def _titles(some: list[Effect]) -> list[str]:
-    """The headings of the variants of an effect: words and place, and in what it differs from one with the same."""
+    """The headings of the variants of an effect: place and words, and in what it differs from one with the same."""
     said: dict[str, set[str]] = {}
     found = []
     for effect in some:
-        title, parts = f"{_capital(effect.words)} ({effect.place})", parts_of(effect.variant)
+        title, parts = f"{_capital(effect.place)}: {effect.words}", parts_of(effect.variant)
         more = [VARIANT_WORDS[part] for part in parts if part not in said[title]] if title in said else []
         said.setdefault(title, set()).update(parts)
         found.append(", ".join([title, *more]))
@@ -136,18 +144,18 @@ def _variant(effect: Effect, title: str) -> str:
         rst.heading(title, 1),
         f"Its place is {PLACES[effect.place]}. It is made of {_links('blocks', uses.types_in(effect.block))}.",
         rst.html(uses.linked_picture(effect.block)) if isinstance(effect.block, Diagram) else "",
-        _numbers(effect, made.trials),
+        _numbers(effect, made),
         _residual(made),
     )
 
 
-def _numbers(effect: Effect, trials: Trials) -> str:
-    fields = _fields(effect.block)
+def _numbers(effect: Effect, made: Placed) -> str:
+    fields, bounded = _fields(effect.block), made.trials.bounds
     rows = []
     for name in effect.free:
         field, null = fields[name], effect.null.get(name)
-        ends = zip(("from", "to"), trials.bounds.get(name, (None, None)), strict=True)
-        searched = " ".join(f"{words} {v:.3g}" for words, v in ends if v is not None)
+        ends = zip(("from", "to"), bounded.get(name, (None, None)), strict=True)
+        searched = " ".join(f"{words} {made.displayed(name, v)}" for words, v in ends if v is not None)
         none = "" if null is None else default_text(null)
         rows.append((rst.code(name), own_unit(field.unit), none, bounds(field), searched, rst.words(field.about)))
     within = ""
@@ -182,14 +190,22 @@ def _fields(block: Block | Diagram, prefix: str = "") -> dict[str, Any]:
 
 @attrs.frozen(eq=False)
 class Placed:
-    """An effect in a shipped diagram, at ``sizes`` from which a diagnosis starts; ``base`` is that diagram alone."""
+    """An effect in a shipped diagram, at ``sizes`` from which a diagnosis starts; ``base`` is that diagram alone.
 
+    ``block`` is the name of its block.
+    """
+
+    block: str
     plant: str
     base: Diagram
     site: InsertionPoint
     trials: Trials
     sizes: dict[str, float]
     diagram: Diagram
+
+    def displayed(self, name: str, value: float) -> str:
+        """A value of a parameter of the effect with its unit."""
+        return in_display_units(value, unit_of(self.diagram, f"{self.block}.{name}"))
 
 
 @functools.cache
@@ -204,11 +220,12 @@ def placed(effect: Effect) -> Placed:
     trials = effect.trials(attrs.evolve(_scales(base, site), one_clock=not effect.local))
     if trials is None:
         raise TsmError(f"effect {effect.name} has nothing to try in the diagram {plant}.")
-    sizes = {**trials.shapes[len(trials.shapes) // 2], **trials.strengths}
+    shape = trials.shapes[int(len(trials.shapes) * PLACE_IN_TRIALS.get(effect.name, 1 / 2))]
+    sizes = {**shape, **trials.strengths}
     name = unique_names([*base.blocks, effect.name])[-1]
     made = site.put(base, name, effect.block)
     made = made.with_parameters({f"{name}.{k}": v for k, v in {**trials.fixed, **sizes}.items()})
-    return Placed(plant, base, site, trials, sizes, made)
+    return Placed(name, plant, base, site, trials, sizes, made)
 
 
 @functools.cache
@@ -263,10 +280,11 @@ def traces(made: Placed) -> Traces:
 def _residual(made: Placed) -> str:
     """Charts of the effect's contribution to the plant's output, over time and over position."""
     found = traces(made)
-    sizes = ", ".join(f"``{k}`` = {v:.3g}" for k, v in made.sizes.items())
+    sizes = ", ".join(f"``{k}`` = {made.displayed(k, v)}" for k, v in made.sizes.items())
     drawn = [found.over_time(), found.over_position()]
     return rst.page(
-        f"The residual of a model without it, in {rst.link(f'/diagrams/{made.plant}', made.plant)} on the wire "
+        "The residual of a model without it (what the effect adds to the output), in "
+        f"{rst.link(f'/diagrams/{made.plant}', made.plant)} on the wire "
         f"``{made.site.words(made.base)}``, with {sizes}:",
         rst.html(figures.side_by_side(drawn, list(found.labels))),
     )
