@@ -201,7 +201,7 @@ def _diagnosed(
     """All steps for one part of the diagram, whether Ctrl-C ended the search early, and notes.
 
     ``commands`` are inputs that are known to be commands. Where a model with effects shows more of them, the search
-    begins anew.
+    restarts.
     """
     ready = prepared(part, request, progress, commands)
     predicted, rounds = evidence(ready.base, request.settings.seed), list[SearchRound]()
