@@ -15,7 +15,7 @@ import numpy as np
 from tsmblocks.common.arguments import as_positive
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.interpolation import AUTO, Hold
-from tsmblocks.common.interrupt import defer_interrupt
+from tsmblocks.common.interrupt import defer_interrupt, without_checkpoints
 from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
@@ -245,15 +245,16 @@ def _diagnosed(
             raise
         interrupted, recurring, more_notes, omitted = True, [], [], []
         final = rounds[count := accepted_count(rounds, search)].base
-    left = predicted if final is base else evidence(final, settings.seed)
-    varying = varying_factor(final, settings.seed)
-    if not interrupted and stands_in(rounds, count, predicted, left, varying, search):
-        count, final, left, more_notes = 0, rounds[0].base, predicted, []
+    with without_checkpoints():
+        left = predicted if final is base else evidence(final, settings.seed)
         varying = varying_factor(final, settings.seed)
-    found_in_final = _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
-    notes += doubtful_floors(floors, final.residual_rms, part.diagram)
-    notes += [f"{part.name}: {text}" for text in [*recurring, *more_notes, *found_in_final]]
-    final = final if interrupted else with_plain_states(final)
+        if not interrupted and stands_in(rounds, count, predicted, left, varying, search):
+            count, final, left, more_notes = 0, rounds[0].base, predicted, []
+            varying = varying_factor(final, settings.seed)
+        found_in_final = _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
+        notes += doubtful_floors(floors, final.residual_rms, part.diagram)
+        notes += [f"{part.name}: {text}" for text in [*recurring, *more_notes, *found_in_final]]
+        final = final if interrupted else with_plain_states(final)
     return DiagnosedPart(part, search, floors, rounds, count, final, predicted, left, varying, omitted), interrupted
 
 

@@ -171,7 +171,10 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
                 rounds.append(SearchRound(model, *held_out_losses(model, search.blocks, shrinkage), (), Verdict()))
             raise
         if one.verdict.named is not None and bases < MAX_BETTER_BASES:
-            better = better_base(model, one.verdict.named, search.noise_variance)
+            try:
+                better = better_base(model, one.verdict.named, search.noise_variance)
+            except KeyboardInterrupt:  # the round is complete; the search ends below
+                better = None
             if better is not None:  # the round again: the effect may have compensated for a poor optimum
                 model, bases = better, bases + 1
                 continue
@@ -181,8 +184,12 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
         rounds.append(one)
         if one.verdict.named is None:
             break
-        before = shrinkage
-        model, shrinkage = next_base(one.verdict.named, shrinkage, search.settings)
+        before, named = shrinkage, one.verdict.named
+        try:
+            model, shrinkage = next_base(named, shrinkage, search.settings)
+        except KeyboardInterrupt:
+            rounds.append(SearchRound(named.model, named.losses, named.experiment_losses, (), Verdict()))
+            raise
 
 
 def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:

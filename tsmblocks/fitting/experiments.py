@@ -12,6 +12,7 @@ import numpy as np
 
 from tsmblocks.common.errors import DataError, RunError, clip, near
 from tsmblocks.common.interpolation import Hold, hold_of_each
+from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.data import Record
 from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.missing_units import how_to_map
@@ -170,6 +171,7 @@ class Experiment:
 
     def _advance(self, kernel: Kernel, memory: Memory, first: int, last: int, y: np.ndarray) -> None:
         """Run from step ``first`` to ``last``; where ``y`` has room for it, its last row is at step ``last``."""
+        checkpoint()
         times, n = self.times, last - first
         final = len(y) > n // times.every
         steps = Steps(times.start, times.h, first, n, final, self.hits, times.every)

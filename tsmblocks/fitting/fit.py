@@ -13,7 +13,7 @@ from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.interpolation import AUTO, Hold
-from tsmblocks.common.interrupt import defer_interrupt
+from tsmblocks.common.interrupt import defer_interrupt, without_checkpoints
 from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.memories import placed, refined
@@ -197,7 +197,11 @@ def fit(
         for _ in range(2 if unweighted else 1):
             if unweighted:
                 problem = attrs.evolve(problem, noise=_prior_noise(problem, found))
-            begins = [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed)
+            try:
+                begins = [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed)
+            except KeyboardInterrupt:
+                found = [_not_searched(problem, begin)]
+                break
             problem, setup, found = search(problem, setup, begins, {**limit, "progress": report_rms}, step is None)
             begin = found[0].theta
             if interrupt.stop or any(f.status == "interrupted" for f in found):
@@ -241,19 +245,26 @@ def _search(
     from tsmblocks.fitting.discontinuous import search_discontinuous
 
     ends: list[OptimizerResult] = []
-    for begin in begins[:1] if method == "ga" else begins:
-        try:
+    try:
+        for begin in begins[:1] if method == "ga" else begins:
             ends.append(optimizer(problem, begin, **options))
-        except KeyboardInterrupt:  # before the search had a first result
-            ends.append(OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1))
-        if ends[-1].status == "interrupted":
-            return problem, setup, _ranked(problem, ends)
-    if method != "ga":
-        ends = [refined(problem, end, lambda start: optimizer(problem, start, **options)) for end in ends]
-    ends = _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
-    if follow and method == "gauss-newton":
-        problem, setup, ends[0] = following(problem, setup, ends[0], functools.partial(optimizer, **options))
+            if ends[-1].status == "interrupted":
+                return problem, setup, _ranked(problem, ends)
+        if method != "ga":
+            ends = [refined(problem, end, lambda start: optimizer(problem, start, **options)) for end in ends]
+        ends = _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
+        if follow and method == "gauss-newton":
+            problem, setup, ends[0] = following(problem, setup, ends[0], functools.partial(optimizer, **options))
+    except KeyboardInterrupt:  # between searches, or before one had a first result
+        best, *others = _ranked(problem, ends or [_not_searched(problem, begins[0])])
+        ends = [attrs.evolve(best, status="interrupted"), *others]
     return problem, setup, ends
+
+
+def _not_searched(problem: Problem, begin: np.ndarray) -> OptimizerResult:
+    """The result of a search that was stopped before its first simulation."""
+    with without_checkpoints():
+        return OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1)
 
 
 def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:
