@@ -187,7 +187,8 @@ def fit(
     )
     begin, found = feasible_start(problem, problem.unknowns.start), list[OptimizerResult]()
     samples, unweighted = problem.samples, sigma is None and len(problem.priors.which) > 0
-    search = functools.partial(_search, method=method, optimizer=_method(method, seed, segments))
+    many = functools.partial(starting_points, starts=starts, seed=seed) if segments == 1 else None
+    search = functools.partial(_search, method=method, optimizer=_method(method, seed, segments), starting_points=many)
     with defer_interrupt() as interrupt:
 
         def report_rms(stage: str, count: int, cost: float) -> None:
@@ -197,12 +198,7 @@ def fit(
         for _ in range(2 if unweighted else 1):
             if unweighted:
                 problem = attrs.evolve(problem, noise=_prior_noise(problem, found))
-            try:
-                begins = [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed)
-            except KeyboardInterrupt:
-                found = [_not_searched(problem, begin)]
-                break
-            problem, setup, found = search(problem, setup, begins, {**limit, "progress": report_rms}, step is None)
+            problem, setup, found = search(problem, setup, begin, {**limit, "progress": report_rms}, step is None)
             begin = found[0].theta
             if interrupt.stop or any(f.status == "interrupted" for f in found):
                 found = [attrs.evolve(found[0], status="interrupted"), *found[1:]]
@@ -234,20 +230,25 @@ def _prior_noise(problem: Problem, found: list[OptimizerResult]) -> float:
 def _search(
     problem: Problem,
     setup: Setup,
-    begins: Sequence[np.ndarray],
+    begin: np.ndarray,
     options: Mapping[str, Any],
     follow: bool,
     *,
     method: str,
     optimizer: Callable[..., OptimizerResult],
+    starting_points: Callable[..., list[np.ndarray]] | None,
 ) -> tuple[Problem, Setup, list[OptimizerResult]]:
-    """The results from all starting points, best first; with ``follow`` at a step that follows the parameters."""
+    """The results from all starting points, best first; with ``follow`` at a step that follows the parameters.
+
+    Without ``starting_points`` the search begins at ``begin`` alone.
+    """
     from tsmblocks.fitting.discontinuous import search_discontinuous
 
     ends: list[OptimizerResult] = []
     try:
-        for begin in begins[:1] if method == "ga" else begins:
-            ends.append(optimizer(problem, begin, **options))
+        begins = [begin] if starting_points is None else starting_points(problem, setup, begin)
+        for one in begins[:1] if method == "ga" else begins:
+            ends.append(optimizer(problem, one, **options))
             if ends[-1].status == "interrupted":
                 return problem, setup, _ranked(problem, ends)
         if method != "ga":
@@ -256,15 +257,10 @@ def _search(
         if follow and method == "gauss-newton":
             problem, setup, ends[0] = following(problem, setup, ends[0], functools.partial(optimizer, **options))
     except KeyboardInterrupt:  # between searches, or before one had a first result
-        best, *others = _ranked(problem, ends or [_not_searched(problem, begins[0])])
+        with without_checkpoints():
+            best, *others = _ranked(problem, ends or [OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1)])
         ends = [attrs.evolve(best, status="interrupted"), *others]
     return problem, setup, ends
-
-
-def _not_searched(problem: Problem, begin: np.ndarray) -> OptimizerResult:
-    """The result of a search that was stopped before its first simulation."""
-    with without_checkpoints():
-        return OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1)
 
 
 def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:
