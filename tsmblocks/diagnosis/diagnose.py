@@ -60,6 +60,7 @@ from tsmblocks.diagnosis.undetermined import without_undetermined
 from tsmblocks.diagnosis.varying_factor import varying_factor
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.fitting.recordings import Data
+from tsmblocks.fitting.scale_notes import scale_notes_before
 from tsmblocks.fitting.text import flipped_gains
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
@@ -182,7 +183,9 @@ def diagnose(
         progress=progress,
     )
     limit = None if time_limit is None else as_positive("time_limit", time_limit)
-    done, interrupted, notes = list[DiagnosedPart](), False, request.notes
+    known: Any = dict(outputs=request.measured, window=request.settings.window, step=step, hold=hold)
+    notes = request.notes + scale_notes_before(request.diagram, request.records, integrator=integrator, **known)
+    done, interrupted = list[DiagnosedPart](), False
     with defer_interrupt(limit) as stop, np.errstate(over="ignore", invalid="ignore"):  # of diverged simulations
 
         def report(stage: str, count: int, of: int) -> None:

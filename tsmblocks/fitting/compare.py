@@ -16,6 +16,7 @@ from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import fit
 from tsmblocks.fitting.recordings import Data, recordings, training_windows, with_adopted_units, without_units
 from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.scale_notes import scale_notes_before
 from tsmblocks.fitting.score import Difference, Differences, score
 from tsmblocks.fitting.summary import rough_inputs
 from tsmblocks.model.diagram import Diagram
@@ -120,6 +121,7 @@ def compare(
     search: Any = dict(start_states=start_states, method=method, starts=starts, seed=seed, window=fitted, **common)
     training, rows, interrupted = {k: records[k] for k in fitted}, list[Row](), False
     candidates, notes = _with_units(candidates, records, chosen)
+    notes += [text for one in candidates.values() for text in scale_notes_before(one, training, **common)]
     for name, diagram in candidates.items():
 
         def report_model(_: str, count: int, rms: float, name: str = name) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.fitting.experiments import Experiment, inputs
+from tsmblocks.fitting.scale_notes import time_text
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.simulate import simulate
 
@@ -29,7 +30,8 @@ def raise_cause(diagram: Diagram, experiment: Experiment, p: np.ndarray) -> NoRe
             check_step=False,
         )
     except NotFinite as error:
-        fault = NotFinite(f"{title}: {error}")
+        doubt = time_text(experiment, p)
+        fault = NotFinite(f"{title}: {error}{f' In {experiment.name} {doubt}' if doubt else ''}")
         fault.run, fault.block, fault.time = error.run, error.block, error.time
         raise fault from None
     raise RunError(f"{title}: its outputs are not finite.")

@@ -21,6 +21,7 @@ from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.fitting.residual_cause import fixed_in_doubt
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.result import Estimate, Fit
+from tsmblocks.fitting.scale_notes import scale_notes
 from tsmblocks.fitting.score import Differences, simulated_differences
 from tsmblocks.fitting.setup import Setup, simulated_as
 from tsmblocks.fitting.statistics import Uncertainty, intervals, uncertainty
@@ -90,6 +91,7 @@ def summarise(
             *setup.notes,
             *limit_note(problem, optimum.theta),
             *_step_notes(problem, setup, optimum),
+            *scale_notes(setup),
             *_data_notes(setup, differences),
             *_input_noise_notes(problem, setup, optimum),
             *_known_parameter_notes(setup, [item.parameter for item in unknowns.items]),
