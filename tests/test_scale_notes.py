@@ -1,10 +1,10 @@
-"""Recordings in another unit than the model takes them to be in."""
+"""What a model before its fit shows of recordings: another unit, times in another unit, growth; and few samples."""
 
 import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.blocks import FirstOrderLag, Integrator
+from tsmblocks.blocks import FirstOrderLag, Gain, Integrator, Sum
 from tsmblocks.fitting.scale_notes import scale_notes_before
 
 T = 0.01 * np.arange(400)
@@ -149,3 +149,60 @@ def test_a_fit_that_cannot_begin_says_that_the_times_may_be_in_another_unit():
     long = tsm.Record("run", 1000 * np.arange(4000) * 0.01, {k: np.tile(x, 10) for k, x in record.signals.items()}, {})
     with pytest.raises(tsm.TsmError, match=r"In run the samples are 10 s apart.* If its times are in ms"):
         tsm.fit(drive(), long, step=10.0, starts=1)
+
+
+# ---- growth, and few samples
+
+
+def inverted(stiffness):
+    """An axis with a spring that pushes outward; its poles are the roots of the stiffness."""
+    return tsm.Diagram(
+        title="inverted",
+        blocks={"sum": Sum(signs="++"), "speed": Integrator(), "way": Integrator(), "spring": Gain(gain=stiffness)},
+        wires=["sum -> speed -> way -> spring -> sum.plus2"],
+        inputs={"u": tsm.Inlet("sum.plus1", unit="m/s^2")},
+        outputs={"q": "way"},
+        output_units={"q": "m"},
+    )
+
+
+GROWS = "run: with its parameters before the fit the model diverges: "
+
+
+def swing():
+    return tsm.Record("run", T, {"u": U, "q": 0.3 * np.sin(3 * T)}, {"u": "m/s^2", "q": "m"})
+
+
+def test_a_model_that_grows_beyond_what_was_measured_is_named_with_its_state_and_the_time():
+    (note,) = notes(swing(), inverted(1600.0))
+    assert note.startswith(f"{GROWS}from t = 0.")
+    assert "q is beyond 1000 times its measured range, since speed.integral grows by a pole of 40 1/s. Correct" in note
+    assert note in tsm.fit(inverted(1600.0), swing(), free=["spring.gain"], bounds={"spring.gain": (900, None)}).notes
+
+
+def test_a_model_that_overflows_is_named_with_its_block():
+    (note,) = notes(swing(), inverted(4e4))
+    assert note.startswith(GROWS)
+    assert " = inf at t = " in note or "diverges. One step before" in note
+
+
+@pytest.mark.parametrize("stiffness", [-1600.0, 0.0, 0.01, 1.0])
+def test_a_model_that_stays_near_what_was_measured_is_not_said_to_diverge(stiffness):
+    assert notes(swing(), inverted(stiffness)) == []
+
+
+def test_a_good_fit_says_nothing_of_where_it_began():
+    record = tsm.simulate(inverted(-1600.0), stop=4.0, step=0.01, inputs={"u": np.append(U, 0.0)})
+    record = tsm.Record("run", T, {"u": U, "q": record["q"][:-1]}, {"u": "m/s^2", "q": "m"})
+    fitted = tsm.fit(inverted(1600.0), record, free=["spring.gain"], bounds={"spring.gain": (-2000, 2000)})
+    assert fitted["spring.gain"].value == pytest.approx(-1600, rel=1e-2)
+    assert not [text for text in fitted.notes if text.startswith(GROWS)]
+
+
+@pytest.mark.parametrize(("samples", "noted"), [(5, True), (20, False)])
+def test_few_samples_for_the_parameters_are_noted(samples, noted):
+    few = slice(samples)
+    record = recorded(v=0)
+    record = tsm.Record("run", T[few], {k: record[k][few] for k in record.names}, {})
+    found = tsm.fit(drive(), record, free=["lag.gain", "lag.time_constant"], starts=1).notes
+    assert noted == any(text.startswith("5 samples are few for 2 parameters: ") for text in found)

@@ -183,9 +183,7 @@ def diagnose(
         progress=progress,
     )
     limit = None if time_limit is None else as_positive("time_limit", time_limit)
-    known: Any = dict(outputs=request.measured, window=request.settings.window, step=step, hold=hold)
-    notes = request.notes + scale_notes_before(request.diagram, request.records, integrator=integrator, **known)
-    done, interrupted = list[DiagnosedPart](), False
+    done, interrupted, notes = list[DiagnosedPart](), False, _notes_before(request)
     with defer_interrupt(limit) as stop, np.errstate(over="ignore", invalid="ignore"):  # of diverged simulations
 
         def report(stage: str, count: int, of: int) -> None:
@@ -206,6 +204,21 @@ def diagnose(
     if timed_out:
         notes.append(f"the search ended at its time limit of {limit:g} s.")
     return assembled(request, done, notes, interrupted)
+
+
+def _notes_before(request: Request) -> list[str]:
+    """Notes on the recordings, and on what the diagram's own parameters show of them."""
+    given = request.settings
+    more = scale_notes_before(
+        request.diagram,
+        request.records,
+        outputs=request.measured,
+        window=given.window,
+        step=given.step,
+        integrator=given.integrator,
+        hold=given.hold,
+    )
+    return request.notes + more
 
 
 def _without_result(limit: float | None) -> RunError:

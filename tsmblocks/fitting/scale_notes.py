@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -10,14 +10,16 @@ import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import TsmError
+from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.tables import listed
 from tsmblocks.data import Record
 from tsmblocks.data.missing_units import map_argument
-from tsmblocks.fitting.experiments import Experiment, grid_step
+from tsmblocks.fitting.divergence import growth_text
+from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.setup import Setup, set_up
+from tsmblocks.fitting.time_scale import time_text
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import parameter_vector
-from tsmblocks.simulation.stability import poles
 
 MIN_CORRELATION = 0.95
 """Correlation of a measured output with the simulated one from which their shapes agree. Chosen."""
@@ -28,14 +30,6 @@ OFF_OF_LARGE, OFF_OF_SMALL = 1.4, 1.2
 fit are often wrong by a third, and gains of 10 or 60 are common; that of 57.3 or 9.55 by chance is not."""
 FEW_SAMPLES = 20
 """Samples from which the shape of an output is compared. Chosen: few samples are alike by chance."""
-UNSEEN = 3.0
-"""Slowest time constants in a step, or lengths of a recording in the fastest one, from which times are in doubt."""
-STILL = 1e-9
-"""Rate of a pole relative to the fastest up to which it is one of an integrator. Chosen: beyond rounding."""
-MOST_STATES = 100
-"""States up to which poles are computed. Chosen: for the run time."""
-IN_MS = 1e-3
-"""The factor from s that is looked for in times."""
 
 
 class _Scale(NamedTuple):
@@ -46,29 +40,43 @@ class _Scale(NamedTuple):
     recorded_in: str
 
 
-def scale_notes(setup: Setup) -> list[str]:
-    """Notes on outputs and times that are recorded in another unit, as the model with its own parameters tells."""
+def scale_notes(setup: Setup, growth: bool = True) -> list[str]:
+    """Notes on units of outputs and times, as the model with its own parameters shows them, and on its ``growth``."""
     found: dict[str, list[str]] = {}
     p = parameter_vector(setup.eq, setup.diagram)
     for experiment in setup.experiments:
-        for text in filter(None, (_output_text(setup, experiment, p), time_text(experiment, p))):
+        with np.errstate(over="ignore", invalid="ignore"):
+            y = experiment.outputs(p)
+        text = time_text(experiment, p) or (growth_text(setup, experiment, p, y) if growth else "")
+        if text := text or _output_text(setup, experiment, y):
             found.setdefault(text, []).append(experiment.name)
     return [f"{listed(names, 4)}: {text}" for text, names in found.items()]
 
 
-def scale_notes_before(diagram: Diagram, records: Mapping[str, Record], **options: Any) -> list[str]:
+def scale_notes_before(
+    diagram: Diagram,
+    records: Mapping[str, Record],
+    *,
+    outputs: Iterable[str] | None = None,
+    window: Any = None,
+    step: float | None = None,
+    integrator: str = "rk4",
+    hold: Hold = AUTO,
+    backend: str = "",
+) -> list[str]:
     """The same before a fit, with the options of ``set_up``; none where the diagram cannot be simulated."""
     with suppress(TsmError):
-        return scale_notes(set_up(diagram, records, **options))
+        options: Any = dict(outputs=outputs, window=window, step=step, integrator=integrator, hold=hold)
+        return scale_notes(set_up(diagram, records, backend=backend, **options))
     return []
 
 
-def _output_text(setup: Setup, experiment: Experiment, p: np.ndarray) -> str:
-    """A sentence on the outputs of an experiment that are of another scale than the model's; ``""`` for none."""
+def _output_text(setup: Setup, experiment: Experiment, y: np.ndarray) -> str:
+    """A sentence on outputs of an experiment that are of another scale than the model's, ``y``; ``""`` for none."""
     if len(experiment.t) < FEW_SAMPLES:
         return ""
     with np.errstate(over="ignore", invalid="ignore"):
-        ratios = [_ratio(*pair) for pair in zip(experiment.outputs(p).T, experiment.measured.T, strict=True)]
+        ratios = [_ratio(*pair) for pair in zip(y.T, experiment.measured.T, strict=True)]
     labels = [setup.diagram.unit(name) for name in setup.outputs]
     scales = [
         _Scale(name, ratio, _other_unit(unit, ratio))
@@ -115,22 +123,3 @@ def _other_unit(unit: str, ratio: float) -> str:
         if factor != 1 and factor / most <= ratio <= factor * most:
             return other
     return ""
-
-
-def time_text(experiment: Experiment, p: np.ndarray) -> str:
-    """A sentence on times that make all dynamics of the model far too fast to be seen, or far too slow; else ``""``."""
-    rates = np.abs(poles(experiment.eq, p)) if len(experiment.eq.x) <= MOST_STATES else np.empty(0)
-    rates = rates[rates > STILL * rates.max(initial=0.0)]
-    if not len(rates):
-        return ""
-    fast, slow, t = 1 / rates.max(), 1 / rates.min(), experiment.record.t
-    step, length = grid_step(t), float(t[-1] - t[0])
-    if step > UNSEEN * slow and step * IN_MS < slow:
-        seen = f"the samples are {step:.3g} s apart, and the slowest time constant of the model is {slow:.2g} s"
-        unit = "ms"
-    elif UNSEEN * length < fast and length / IN_MS > slow:
-        seen = f"the recording lasts {length:.2g} s, and the fastest time constant of the model is {fast:.2g} s"
-        unit = "s"
-    else:
-        return ""
-    return f"{seen}. If its times are in {unit}, give the unit: {map_argument(f't [{unit}]', 't')}."
