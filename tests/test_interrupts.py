@@ -221,6 +221,21 @@ def test_a_fit_ends_within_one_simulation_of_ctrl_c(given, monkeypatch):
     assert until[0] <= len(records)  # for the cost of the start
 
 
+def test_ctrl_c_in_the_last_step_of_a_fit_is_not_lost(monkeypatch):
+    whole = fit.nearest_of
+
+    def pressed(*given):
+        signal.raise_signal(signal.SIGINT)
+        return whole(*given)
+
+    monkeypatch.setattr(fit, "nearest_of", pressed)
+    t = np.arange(0, 1, 0.01)
+    record = tsm.Record("a", t, {"x_in": np.sin(9 * t), "x_out": 0.8 * np.sin(9 * t)}, {"x_in": "rad", "x_out": "rad"})
+    found = tsm.fit(tsm.load("tendon_sheath_linear"), record)
+    assert found.status == "interrupted"
+    assert found["gain.gain"].value == pytest.approx(0.8)
+
+
 # ---- arguments of the wrong kind
 
 ODD = [

@@ -13,7 +13,7 @@ from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.interpolation import AUTO, Hold
-from tsmblocks.common.interrupt import defer_interrupt, without_checkpoints
+from tsmblocks.common.interrupt import InterruptFlag, defer_interrupt, without_checkpoints
 from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.memories import placed, refined
@@ -201,9 +201,9 @@ def fit(
             problem, setup, found = search(problem, setup, begin, {**limit, "progress": report_rms}, step is None)
             begin = found[0].theta
             if interrupt.stop or any(f.status == "interrupted" for f in found):
-                found = [attrs.evolve(found[0], status="interrupted"), *found[1:]]
                 break
-    return summarise(problem, setup, method, nearest_of(problem, setup, found))
+        found = _nearest(problem, setup, found, interrupt)
+    return summarise(problem, setup, method, found)
 
 
 def _check_method(method: str, segments: int) -> None:
@@ -261,6 +261,18 @@ def _search(
             best, *others = _ranked(problem, ends or [OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1)])
         ends = [attrs.evolve(best, status="interrupted"), *others]
     return problem, setup, ends
+
+
+def _nearest(
+    problem: Problem, setup: Setup, found: list[OptimizerResult], interrupt: InterruptFlag
+) -> list[OptimizerResult]:
+    """The results with the best moved nearest to the diagram's own parameters, or marked where Ctrl-C was pressed."""
+    stopped = interrupt.stop or any(f.status == "interrupted" for f in found)
+    try:
+        found = found if stopped else nearest_of(problem, setup, found)
+    except KeyboardInterrupt:
+        stopped = True
+    return [attrs.evolve(found[0], status="interrupted"), *found[1:]] if stopped or interrupt.stop else found
 
 
 def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:
