@@ -462,6 +462,13 @@ def test_messages_are_folded_on_a_terminal_only(capsys, monkeypatch):
     assert all(line.startswith("  ") for line in lines[1:])
 
 
+@pytest.mark.parametrize("command", ["fit", "compare", "diagnose"])
+def test_what_a_recording_has_in_place_of_the_outputs_is_named(command, tmp_path, capsys):
+    (tmp_path / "a.csv").write_text("t [s],x_in [rad],tip\n" + "".join(f"{k},{k % 3},{k}\n" for k in range(9)))
+    assert main([command, "tendon_sheath_linear", "--data", str(tmp_path / "a.csv")]) == 2
+    assert "the recording has x_in, tip. Map one when reading" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("command", "function"),
     [("run", tsm.simulate), ("fit", tsm.fit), ("compare", tsm.compare), ("diagnose", tsm.diagnose)],

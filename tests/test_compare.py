@@ -10,6 +10,7 @@ from tests.test_fit_methods import LINEAR, noisy, own_play
 from tests.test_fit_problem import record
 from tsmblocks.blocks import Gain, Integrator, Square
 from tsmblocks.cli import console
+from tsmblocks.fitting import compare as comparing
 from tsmblocks.fitting.compare import ready_made
 from tsmblocks.fitting.text import ranking_rows
 from tsmblocks.model.block import Block, Input, Output, block, parameter
@@ -217,6 +218,23 @@ def test_ctrl_c_keeps_the_models_so_far():
     assert found.interrupted
     assert {row.name for row in found} == {"line", "slack"}
     assert found["slack"].fit.status == "interrupted"
+
+
+def test_ctrl_c_between_two_fits_keeps_the_models_so_far(monkeypatch):
+    whole = comparing.score
+
+    def press(diagram, *given, **more):
+        if diagram.title == PLAY.title:
+            raise KeyboardInterrupt
+        return whole(diagram, *given, **more)
+
+    monkeypatch.setattr(comparing, "score", press)
+    models = {"line": LINEAR, "slack": PLAY, "never": curve(1)}
+    found = tsm.compare(models, rig(), **QUICK)
+    assert found.interrupted
+    assert [row.name for row in found] == ["line"]
+    with pytest.raises(KeyboardInterrupt):
+        tsm.compare({"slack": PLAY}, rig(), **QUICK)
 
 
 def test_same_seed_same_ranking():

@@ -435,16 +435,40 @@ def test_progress_is_gone_after_ctrl_c_too_and_cut_to_the_terminal(monkeypatch):
     assert stream.seen() == ["", "a very long piece o", " " * 19, ""]
 
 
-@pytest.mark.parametrize(("term", "quiet"), [("dumb", False), ("xterm", True)])
-def test_progress_is_quiet_where_nobody_looks(term, quiet, monkeypatch, capsys):
-    stream = watched(monkeypatch, term=term)
-    with console.progress_line(console.percent_progress("x"), quiet=quiet) as tell:
+def test_progress_is_quiet_where_nobody_looks(monkeypatch):
+    stream = watched(monkeypatch)
+    with console.progress_line(console.percent_progress("x"), quiet=True) as tell:
         assert tell is None
     assert stream.getvalue() == ""
-    monkeypatch.undo()
-    with console.progress_line(console.percent_progress("x")) as tell:
-        assert tell is None  # standard error is caught here, no terminal
-    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("dumb", [True, False])
+def test_a_file_has_a_line_of_progress_for_each_stage_of_long_work(dumb, monkeypatch):
+    stream, now = watched(monkeypatch, term="dumb") if dumb else io.StringIO(), [0.0]
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    calls = [(0.0, "a", 1), (9.0, "a", 2), (11.0, "a", 3), (12.0, "a", 4), (13.5, "b", 5), (40.0, "b", 6), (80, "b", 7)]
+    with console.progress_line(lambda stage, done: f"{stage} {done}") as tell:
+        for now[0], stage, done in calls:
+            tell(stage, done)
+    assert stream.getvalue().splitlines() == ["after 11 s: a 3", "after 14 s: b 5", "after 1 min 20 s: b 7"]
+
+
+def test_work_of_no_stages_has_a_line_at_times(monkeypatch, capsys):
+    now = [0.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    with console.progress_line(lambda done: f"{done:g}") as tell:
+        for now[0] in (0.0, 5.0, 20.0, 21.0, 90.0):
+            tell(now[0] / 100)
+    assert capsys.readouterr().err.splitlines() == ["after 20 s: 0.2", "after 1 min 30 s: 0.9"]
+
+
+def test_what_is_printed_is_not_kept_back(tmp_path, monkeypatch):
+    path = tmp_path / "out.txt"
+    with path.open("w", encoding="utf-8") as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        console.print_text("a result")
+        assert path.read_text(encoding="utf-8") == "a result\n"
 
 
 def test_progress_is_shown_as_often_as_it_can_be_read(monkeypatch):

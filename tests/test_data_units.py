@@ -5,7 +5,8 @@ import pytest
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record, from_pandas, read
-from tsmblocks.data.missing_units import assumed_units, how_to_map, refuse_doubtful
+from tsmblocks.data.missing_units import assumed_units, how_to_map, likely_unit, refuse_doubtful
+from tsmblocks.data.spellings import other_spelling
 
 
 @pytest.fixture
@@ -139,3 +140,31 @@ def test_how_a_column_is_mapped(file, bare, heading):
     assert words == f"map={{'{heading}': 'COLUMN'}}, or --map '{heading}=COLUMN'"
     record = read(file("t,COLUMN\n0,1\n1,2\n2,3\n3,4\n"), **eval(f"dict({words.partition(', or')[0]})"))
     assert (record.names, record.unit("x")) == (("x",), "deg" if bare else "")
+
+
+# ---- other spellings
+
+
+def test_an_optional_signal_in_another_spelling_is_noted(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t,u,Theta M,theta-x\n" + "".join(f"{k},{k},{k},{k}\n" for k in range(9)), encoding="utf-8")
+    found = read(path, only=["u"], also=["theta_m", "q"])
+    assert found.names == ("u",)
+    assert found.notes == (
+        "there is no 'theta_m', and 'Theta M' is not used. To use it, map it: map={'theta_m': 'Theta M'}, or "
+        "--map 'theta_m=Theta M'.",
+    )
+    mapped = read(path, only=["u"], also=["theta_m"], map={"theta_m": "Theta M"})
+    assert (mapped.names, mapped.notes) == (("u", "theta_m"), ())
+
+
+@pytest.mark.parametrize("others", [("Theta", "THETA"), ("theta_m_2",), ("eta",)])
+def test_no_other_spelling_is_guessed_where_it_is_not_clear(others):
+    assert other_spelling("theta", others) == ""
+
+
+@pytest.mark.parametrize(
+    ("unit", "other"), [("rad", "deg"), ("rad/s", "deg/s"), ("V", "mV"), ("m/s", "mm/s"), ("Pa", "kPa"), ("1", "1")]
+)
+def test_the_unit_in_which_a_signal_may_be_recorded_is_one_of_its_quantity(unit, other):
+    assert likely_unit(unit) == other

@@ -2,6 +2,7 @@
 
 import json
 import math
+import signal
 from dataclasses import replace
 from functools import cache
 
@@ -14,6 +15,7 @@ from tests.hidden_bases import base_of, diagnosed, floor_of, recordings
 from tsmblocks.blocks import Bias
 from tsmblocks.common.errors import DataError, ParameterError
 from tsmblocks.data.conditioning import conditioned
+from tsmblocks.diagnosis import forward_selection
 from tsmblocks.effects import Effect, Trials, catalogue, registered
 
 SLOW_NEEDS = ["diagnosis", "diagrams/tendon_sheath_*"]
@@ -320,6 +322,24 @@ def stopping(stage, count):
             raise KeyboardInterrupt
 
     return progress
+
+
+def test_ctrl_c_in_the_fits_after_a_name_keeps_it(monkeypatch):
+    """No progress is reported there."""
+    whole, after = forward_selection.refine_memories, []
+
+    def pressed(model, *rounds):
+        if not rounds:  # of the next base, not of a candidate
+            signal.raise_signal(signal.SIGINT)
+            model.problem.cost(model.theta)
+            after.append(model)
+        return whole(model, *rounds)
+
+    monkeypatch.setattr(forward_selection, "refine_memories", pressed)
+    said = diagnosed(hidden("jump"), effects=SOME)
+    assert said.status == "interrupted"
+    assert names(said) == ["jump"]
+    assert not after
 
 
 def test_ctrl_c_keeps_what_was_found():

@@ -15,6 +15,8 @@ import tsmblocks as tsm
 from tsmblocks.cli import main
 from tsmblocks.cli.common import INTERRUPTED
 from tsmblocks.common.interrupt import RAISED_AGAIN_AFTER, children_ignore_interrupts, defer_interrupt, note_interrupts
+from tsmblocks.fitting import fit
+from tsmblocks.fitting.experiments import Experiment
 
 POSIX_ONLY = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 REPOSITORY = Path(__file__).parents[1]
@@ -178,6 +180,60 @@ def test_processes_that_are_started_meanwhile_never_see_ctrl_c():
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "alive\n"
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+# ---- within one simulation
+
+
+def pressed_at(monkeypatch, which):
+    """Press Ctrl-C in the simulation of this number; the list has an entry for each simulation after it."""
+    advance, count, after = Experiment._advance, [0], []
+
+    def counted(self, *args):
+        count[0] += 1
+        after.extend([count[0]] * (count[0] > which))
+        if count[0] == which:
+            signal.raise_signal(signal.SIGINT)
+        return advance(self, *args)
+
+    monkeypatch.setattr(Experiment, "_advance", counted)
+    return after
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{}, {"method": "ipopt"}, {"method": "ipopt", "segments": 3}, {"method": "ga"}],
+    ids=["gauss-newton", "ipopt", "segments", "ga"],
+)
+def test_a_fit_ends_within_one_simulation_of_ctrl_c(given, monkeypatch):
+    slack = tsm.load("tendon_sheath_play")
+    t = np.arange(0, 1, 0.01)
+    x = np.sin(2 * np.pi * t) * (1 + t)
+    record = tsm.Record("a", t, {"x_in": x, "x_out": 0.8 * x + 0.1}, {"x_in": "rad", "x_out": "rad"})
+    records = {f"run {k}": record for k in range(20)}
+    begun = tsm.score(slack, records).rms
+    after = pressed_at(monkeypatch, 50)
+    summarise, until = fit.summarise, []
+    monkeypatch.setattr(fit, "summarise", lambda *args: until.append(len(after)) or summarise(*args))
+    found = tsm.fit(slack, records, **given)
+    assert found.status == "interrupted"
+    assert found.rms <= begun * (1 + 1e-9)
+    assert until[0] <= len(records)  # for the cost of the start
+
+
+def test_ctrl_c_in_the_last_step_of_a_fit_is_not_lost(monkeypatch):
+    whole = fit.nearest_of
+
+    def pressed(*given):
+        signal.raise_signal(signal.SIGINT)
+        return whole(*given)
+
+    monkeypatch.setattr(fit, "nearest_of", pressed)
+    t = np.arange(0, 1, 0.01)
+    record = tsm.Record("a", t, {"x_in": np.sin(9 * t), "x_out": 0.8 * np.sin(9 * t)}, {"x_in": "rad", "x_out": "rad"})
+    found = tsm.fit(tsm.load("tendon_sheath_linear"), record)
+    assert found.status == "interrupted"
+    assert found["gain.gain"].value == pytest.approx(0.8)
 
 
 # ---- arguments of the wrong kind

@@ -105,7 +105,7 @@ def a_recording_of_absurd_size():
 
 @mistake(
     DataError,
-    "rig: 'Tendon sheath: a gain and an offset' needs its input 'x_in', and the recording has no such signal. Did you mean 'x_inn'? If it has another name there, map it when reading: map={'x_in': 'COLUMN'}, or --map 'x_in=COLUMN'.",
+    "rig: 'Tendon sheath: a gain and an offset' needs its input 'x_in', and the recording has no such signal. Did you mean 'x_inn'? If it has another name there, map it when reading: map={'x_in': 'x_inn'}, or --map 'x_in=x_inn'.",
 )
 def a_recording_without_the_input():
     fit(rig(x_inn=U, x_out=U))
@@ -117,6 +117,14 @@ def a_recording_without_the_input():
 )
 def a_recording_without_any_output():
     fit(rig(x_in=U, tool=U))
+
+
+@mistake(
+    DataError,
+    "rig: none of the outputs of 'Tendon sheath: a gain and an offset' (x_out) was measured; the recording has x_in, X Out. Map one when reading: map={'x_out': 'X Out'}, or --map 'x_out=X Out'; or give the diagram an output of that name.",
+)
+def a_recording_with_an_output_in_another_spelling():
+    fit(rig(**{"x_in": U, "X Out": U}))
 
 
 @mistake(

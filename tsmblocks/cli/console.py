@@ -24,6 +24,10 @@ MIN_WIDTH = 40
 """Columns at least. Chosen: tables need some 40."""
 UPDATE_INTERVAL = 0.05
 """Time in s between two updates of the progress line. Chosen: 20 per second look continuous and cost nothing."""
+FIRST_LINE_AFTER = 10.0
+"""Time [s] of work before the first line of progress in a file. Chosen: short work has no lines."""
+LINE_INTERVAL = 60.0
+"""Time [s] between two lines of one stage. Chosen: it shows that work goes on."""
 SHORTEST_SHOWN = 1.0
 """Time [s] from which the rest of some work is estimated. Chosen: less says little of what follows."""
 OUTPUT = "standard output"
@@ -152,10 +156,11 @@ def readable_streams() -> Iterator[None]:
 
 
 def print_text(text: str, stream: TextIO | None = None) -> None:
-    """Print a text for people on standard output or another stream: with colours, where it shows them."""
+    """Print a text for people on standard output or another stream, at once: with colours, where it shows them."""
     stream = sys.stdout if stream is None else stream
     write = getattr(stream, "write_emphasised", stream.write)
     write(f"{text}\n")
+    stream.flush()
 
 
 def print_error(text: str) -> None:
@@ -227,12 +232,12 @@ def json_value(value: Any) -> Any:
 def progress_line(text_of: Callable[..., str], *, quiet: bool = False) -> Iterator[Callable[..., None] | None]:
     """Yield a progress callback that writes ``text_of(...)`` on one line of standard error, which is erased at the end.
 
-    None is yielded with ``quiet``, and where standard error is no terminal or one without a cursor (``TERM=dumb``).
-    The line is overwritten without escape codes: old consoles do not support them. ``text_of`` is called each time:
-    it may count its calls.
+    Where standard error is no terminal, or one without a cursor (``TERM=dumb``), it has a line for each stage of long
+    work instead. None is yielded with ``quiet``. The line is overwritten without escape codes: old consoles do not
+    support them. ``text_of`` is called each time: it may count its calls.
     """
     if quiet or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        yield None
+        yield None if quiet else _stage_lines(text_of)
         return
     stream, length, last = getattr(sys.stderr, "unfiltered", sys.stderr), 0, -math.inf
 
@@ -253,6 +258,20 @@ def progress_line(text_of: Callable[..., str], *, quiet: bool = False) -> Iterat
     finally:
         if length:
             overwrite(f"\r{' ' * length}\r")
+
+
+def _stage_lines(text_of: Callable[..., str]) -> Callable[..., None]:
+    """A progress callback that prints a line where a stage begins, its first argument, and then at times."""
+    began, stage, last = time.monotonic(), "", -math.inf
+
+    def show(*far: Any) -> None:
+        nonlocal stage, last
+        text, now, of = text_of(*far), time.monotonic(), far[0] if isinstance(far[0], str) else ""
+        if now - began >= FIRST_LINE_AFTER and (of != stage or now - last >= LINE_INTERVAL):
+            print_text(f"after {duration_text(now - began)}: {text}", sys.stderr)
+            stage, last = of, now
+
+    return show
 
 
 class TimeLeft:

@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -14,7 +15,7 @@ import attrs
 
 from tsmblocks.cli.common import SEVERAL, UsageError, finite_float, integer_from, name_and_value, passed, row_range
 from tsmblocks.cli.console import print_note
-from tsmblocks.common.errors import near
+from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.units import heading, split_heading
 
 COLUMN_FORM = "NAME=COLUMN; a name with blanks needs quotes, such as 'x_in=Motor pos'"
@@ -97,7 +98,7 @@ def with_condition_option(text: str, args: argparse.Namespace) -> str:
 
 def read_record(
     args: argparse.Namespace,
-    only: Iterable[str],
+    only: Iterable[str] | None,
     path: str | None = None,
     also: Iterable[str] = (),
     report: bool = True,
@@ -211,6 +212,9 @@ def read_experiments(args: argparse.Namespace, *diagrams: Any, report: bool = Tr
     condition = list(dict.fromkeys(name for d in diagrams for name in d.simulation.condition if filters))
     for path in args.data:
         record = read_record(args, only, path, also, report, wanted, condition)
+        if not any(k in record for d in diagrams for k in d.outputs):  # the error that follows names what is there
+            with suppress(TsmError):
+                record = read_record(args, None, path, report=False)
         _refuse_doubtful(args, record, diagrams)
         records[record.name if record.name not in records else str(path)] = record
     _note_assumed_units(args, [*records.values()], diagrams)
@@ -244,7 +248,7 @@ def _mapped(args: argparse.Namespace, known: Sequence[str], missing: Callable[[s
 
 def _note_assumed_units(args: argparse.Namespace, records: Sequence[Any], diagrams: Sequence[Any]) -> None:
     """Print the units assumed for signals without one, and how to give others, before any work is done."""
-    from tsmblocks.data.missing_units import assumed_units
+    from tsmblocks.data.missing_units import assumed_units, likely_unit
 
     wanted = _units(diagrams)
     groups: dict[str, list[Any]] = {}
@@ -256,7 +260,7 @@ def _note_assumed_units(args: argparse.Namespace, records: Sequence[Any], diagra
         name = next(k for k in wanted if k in those[0] and wanted[k] and not those[0].unit(k))
         print_note(
             f"{', '.join(record.origin for record in those)}: {text} Where that is wrong, give the unit: "
-            f"--map {_in_degrees(args, name)}."
+            f"--map {_with_unit(args, name, likely_unit(wanted[name]))}."
         )
 
 
@@ -265,7 +269,7 @@ def _refuse_doubtful(args: argparse.Namespace, record: Any, diagrams: Sequence[A
     from tsmblocks.data.missing_units import refuse_doubtful
 
     def way(names: Sequence[str]) -> str:
-        return f"--map {' '.join(_in_degrees(args, name) for name in names)}, or [rad]"
+        return f"--map {' '.join(_with_unit(args, name, 'deg') for name in names)}, or [rad]"
 
     refuse_doubtful(record.origin, record, _units(diagrams), way)
 
@@ -275,10 +279,10 @@ def _units(diagrams: Sequence[Any]) -> dict[str, str]:
     return {name: d.unit(name) for d in reversed(diagrams) for name in (*d.inputs, *d.outputs)}
 
 
-def _in_degrees(args: argparse.Namespace, name: str) -> str:
-    """The value of --map that gives a signal the unit deg."""
+def _with_unit(args: argparse.Namespace, name: str, unit: str) -> str:
+    """The value of --map that gives a signal a unit."""
     column = next((column for written, column in args.map if written.strip() == name), name)
-    return f"'{name} [deg]={column}'"
+    return f"'{name} [{unit}]={column}'"
 
 
 def _check_paths(paths: Sequence[str]) -> None:

@@ -181,16 +181,17 @@ def known_here(choices: Sequence[str], most: int) -> str:
 def nearest(name: object, known: Iterable[str]) -> str:
     """The known name that is close to another, or ``""``.
 
-    Close is, in this order: a difference of a letter or two; the only name that contains the word (``play`` is
-    ``tendon_sheath_play``); a similar spelling; the only name that begins so; an end that differs by a letter or two;
-    the only name that is a word of it (``gear_ratio`` is ``gear``). A single letter does not count as a word, nor two
-    letters as a beginning.
+    Close is, in this order: a difference in case, spaces and punctuation; one of a letter or two; the only name that
+    contains the word (``play`` is ``tendon_sheath_play``); a similar spelling; the only name that begins so; an end
+    that differs by a letter or two; the only name that is a word of it (``gear_ratio`` is ``gear``). A single letter
+    does not count as a word, nor two letters as a beginning.
     """
     choices, text = sorted({str(k) for k in known}), str(name)
     likely, plain = _likely(text, choices), text.casefold()
     words = {k: f"_{k.casefold()}_".replace(".", "_").replace("/", "_") for k in choices}
     close = (
         [k for k in choices if k.casefold() == plain]
+        or _only([k for k in choices if bare_name(k) == bare_name(text)])
         or get_close_matches(text, likely, 1, 0.85)
         or _only([k for k in choices if len(plain) > 1 and f"_{plain}_" in words[k]])
         or get_close_matches(text, likely, 1, 0.6)
@@ -199,6 +200,11 @@ def nearest(name: object, known: Iterable[str]) -> str:
         or _only([k for k in choices if len(k) > 1 and words[k] in f"_{plain}_"])
     )
     return close[0] if close else ""
+
+
+def bare_name(name: str) -> str:
+    """A name without case, spaces and punctuation."""
+    return re.sub(r"[\W_]+", "", name).casefold()
 
 
 def _only(found: list[str]) -> list[str]:

@@ -48,10 +48,23 @@ _CURRENT: ContextVar[InterruptFlag | None] = ContextVar("_CURRENT", default=None
 
 
 def checkpoint() -> None:
-    """``InterruptFlag.check`` of the search that is under way, from where its flag is not at hand."""
+    """``InterruptFlag.check`` of the search that is under way, from where its flag is not at hand.
+
+    Every simulation of a fit calls it, so that a search ends within one.
+    """
     flag = _CURRENT.get()
     if flag is not None:
         flag.check()
+
+
+@contextmanager
+def without_checkpoints() -> Iterator[None]:
+    """Let the work inside, which makes a result of what a stopped search has found, reach its end."""
+    outer = _CURRENT.set(None)
+    try:
+        yield
+    finally:
+        _CURRENT.reset(outer)
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from tsmblocks.data.grid import usual_step
 from tsmblocks.data.missing_units import how_to_map, map_argument
 from tsmblocks.data.record import Record
 from tsmblocks.data.repair import repaired
+from tsmblocks.data.spellings import spelling_notes
 from tsmblocks.data.table import Rows, Source, Table
 
 READERS = {
@@ -217,6 +218,7 @@ def _record(source: Source, name: str, options: ReadOptions) -> Record:
     places = _places(source, columns, options)
     time = None if options.step is not None else _time(source, places)
     bare = any(not unit and name.lower() not in TIME_NAMES for name, unit in columns)
+    unused = {*places} - {time, None}
     places = _selected(source, places, options, time, bare)
     wordy = (
         []
@@ -245,6 +247,7 @@ def _record(source: Source, name: str, options: ReadOptions) -> Record:
     table = repaired(Table(origin, names, units, data, rows, numbers, (), options.tail, options.gaps, requested))
     notes = (*source.notes, *_column_notes(places, columns, labels), *_time_notes(source, options, table), *table.notes)
     notes += tuple(_left_out([columns[place][0] for place in wordy]))
+    notes += tuple(spelling_notes(options.also, [*places, *sorted(unused)]))
     labels = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
     return Record(name, table.values[:, 0], dict(table.signals()), labels, origin, notes, table.filled)
 
@@ -372,7 +375,7 @@ def _selected(
         related = "".join(f" {note}" for note in source.notes if missing in note)
         raise DataError(
             f"{source.origin}: there is no column '{missing}'.{near(missing, known)} "
-            f"If it has another name there, map it: {how_to_map(missing, bare=bare)}.{related}"
+            f"If it has another name there, map it: {how_to_map(missing, bare=bare, known=known)}.{related}"
         )
     return {k: place for k, place in places.items() if k in wanted or k == time}
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tsmblocks.common import units
-from tsmblocks.common.errors import DataError
+from tsmblocks.common.errors import DataError, nearest
 from tsmblocks.common.tables import listed
 
 if TYPE_CHECKING:
@@ -31,6 +31,13 @@ def assumed_units(record: Record, wanted: Mapping[str, str]) -> list[str]:
         f"{listed(those)} {'have no unit and are' if len(those) > 1 else 'has no unit and is'} taken to be in {unit}."
         for unit, those in names.items()
     ]
+
+
+def likely_unit(unit: str) -> str:
+    """A unit in which a signal that a model takes in ``unit`` may be recorded instead: ``deg`` for ``rad``, ``mm``."""
+    if "rad" in unit:
+        return unit.replace("rad", "deg")
+    return next((k for k in (f"m{unit}", f"k{unit}") if units.is_unit(k)), unit)
 
 
 def as_argument(names: Sequence[str]) -> str:
@@ -68,9 +75,10 @@ def map_argument(title: str, column: str = "COLUMN") -> str:
     return f"map={{'{title}': '{column}'}}, or --map '{title}={column}'"
 
 
-def how_to_map(name: str, *, bare: bool) -> str:
-    """How a column of another name is mapped: with its unit, where columns are ``bare`` (have none)."""
-    return map_argument(f"{name} [deg]" if bare else name)
+def how_to_map(name: str, *, bare: bool, known: Iterable[str] = ()) -> str:
+    """How a column is mapped: that of the nearest name, if any, else one with its unit where they are ``bare``."""
+    close = nearest(name, known)
+    return map_argument(name, close) if close else map_argument(f"{name} [deg]" if bare else name)
 
 
 def _bare(record: Record, wanted: Mapping[str, str]) -> dict[str, str]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError, TsmError
 from tsmblocks.common.interpolation import ORDERS
+from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.insertion_points import InsertionPoint
 from tsmblocks.diagnosis.model import Model
@@ -207,6 +208,7 @@ def candidates(
                 continue
             effect.accepts(trials, scales)
             name = unique_names([*base.blocks, effect.name])[-1]
+            checkpoint()
             edited = _with_effect(base, name, effect, point, trials, orders)
             if edited is not None:
                 found.append(Candidate(effect, point, name, edited, trials, scales))
@@ -233,6 +235,7 @@ def replacement_candidates(model: Model, wires: WireSignals, points: Sequence[Re
         if trials is None:
             continue
         effect.accepts(trials, scales)
+        checkpoint()
         edited = _with_effect(base, point.replaced, effect, point, trials, orders)
         if edited is not None:
             found.append(Candidate(effect, point, point.replaced, edited, trials, scales))

@@ -10,12 +10,13 @@ import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import attrs
 import numpy as np
 
 from tsmblocks.common.arguments import as_positive
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.interpolation import AUTO, Hold
-from tsmblocks.common.interrupt import defer_interrupt
+from tsmblocks.common.interrupt import defer_interrupt, without_checkpoints
 from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.arguments import Request, checked
@@ -42,6 +43,7 @@ from tsmblocks.diagnosis.time_and_distance import only_frequency
 from tsmblocks.diagnosis.undetermined import without_undetermined
 from tsmblocks.diagnosis.varying_factor import varying_factor
 from tsmblocks.fitting.recordings import Data
+from tsmblocks.fitting.scale_notes import scale_notes_before
 from tsmblocks.fitting.text import flipped_gains
 from tsmblocks.model.diagram import Diagram
 
@@ -163,7 +165,7 @@ def diagnose(
         progress=progress,
     )
     limit = None if time_limit is None else as_positive("time_limit", time_limit)
-    done, interrupted, notes = list[DiagnosedPart](), False, request.notes
+    done, interrupted, notes = list[DiagnosedPart](), False, _notes_before(request)
     with defer_interrupt(limit) as stop, np.errstate(over="ignore", invalid="ignore"):  # of diverged simulations
 
         def report(stage: str, count: int, of: int) -> None:
@@ -182,9 +184,23 @@ def diagnose(
         timed_out = interrupted and stop.timed_out and not stop.stop
     if not done:
         raise _without_result(limit) if timed_out else KeyboardInterrupt
-    if timed_out:
-        notes.append(f"the search ended at its time limit of {limit:g} s.")
+    notes += [f"the search ended at its time limit of {limit:g} s."] if timed_out else []
     return assembled(request, done, notes, interrupted)
+
+
+def _notes_before(request: Request) -> list[str]:
+    """Notes on the recordings, and on what the diagram's own parameters show of them."""
+    given = request.settings
+    more = scale_notes_before(
+        request.diagram,
+        request.records,
+        outputs=request.measured,
+        window=given.window,
+        step=given.step,
+        integrator=given.integrator,
+        hold=given.hold,
+    )
+    return request.notes + more
 
 
 def _without_result(limit: float | None) -> RunError:
@@ -222,17 +238,36 @@ def _diagnosed(
         interrupted = True
     if interrupted:
         final = rounds[count := accepted_count(rounds, search)].base
-    left = predicted if final is ready.base else evidence(final, request.settings.seed)
-    varying = varying_factor(final, request.settings.seed)
+    with without_checkpoints():
+        found, final_notes = _judged(ready, search, rounds, count, final, predicted, interrupted)
+    notes = [f"{part.name}: {text}" for text in ([] if found.count < count else notes)]
+    return attrs.evolve(found, omitted=omitted), interrupted, [*ready.notes, *notes, *final_notes]
+
+
+def _judged(
+    ready: Prepared,
+    search: SearchContext,
+    rounds: list[SearchRound],
+    count: int,
+    final: Model,
+    predicted: Evidence,
+    interrupted: bool,
+) -> tuple[DiagnosedPart, list[str]]:
+    """What the last model leaves, whether its effects only take the place of what is missing, and notes on it."""
+    part, seed = ready.part, ready.settings.seed
+    left = predicted if final is ready.base else evidence(final, seed)
+    varying = varying_factor(final, seed)
     if not interrupted and stands_in(rounds, count, predicted, left, varying, search):
-        count, final, left, notes = 0, rounds[0].base, predicted, []
-        varying = varying_factor(final, request.settings.seed)
-    notes += _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
-    doubts = doubtful_floors(ready.floors, final.residual_rms, recorded_units(final.setup))
-    notes = [*ready.notes, *doubts, *_of(part, notes)]
+        count, final, left = 0, rounds[0].base, predicted
+        varying = varying_factor(final, seed)
+    notes = doubtful_floors(ready.floors, final.residual_rms, recorded_units(final.setup))
+    own = _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
+    notes += [f"{part.name}: {text}" for text in own]
     final = final if interrupted else with_plain_states(final)
-    results = (rounds, count, final, predicted, left, varying, omitted, ready.filtered)
-    return DiagnosedPart(part, search, ready.floors, *results), interrupted, notes
+    judged = DiagnosedPart(
+        part, search, ready.floors, rounds, count, final, predicted, left, varying, filtered=ready.filtered
+    )
+    return judged, notes
 
 
 def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -> SearchContext:
@@ -243,9 +278,8 @@ def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -
     )
     removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered)
     blocks, line = time_blocks(ready.base.problem), only_frequency(ready.records, tuple(inputs))
-    return SearchContext(
-        ready.records, ready.settings, request.effects, blocks, noise, progress, line, removed, ready.check
-    )
+    data = ready.records, ready.settings, request.effects
+    return SearchContext(*data, blocks, noise, progress, line, removed, ready.check)
 
 
 def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[SearchRound], list[str], list[Omission]]:
@@ -253,11 +287,6 @@ def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[Sea
     rounds, undetermined = without_undetermined(exchange_effects(rounds, search), search)
     rounds, notes, recurring = without_recurring_events(rounds, search)
     return rounds, notes, [*undetermined, *recurring]
-
-
-def _of(part: Part, notes: Sequence[str]) -> list[str]:
-    """Notes on a part, with its name."""
-    return [f"{part.name}: {text}" for text in notes]
 
 
 def _notes_on(final: Model, diagram: Diagram, noise_variance: float) -> list[str]:

@@ -176,16 +176,12 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
     """
     bases, first, before = 0, len(rounds), shrinkage
     while len(rounds) <= MAX_EFFECTS:
-        try:
-            if shrinkage:
-                search.check(model)
-            one = search_round(model, shrinkage, search)
-        except (KeyboardInterrupt, OtherCommands):  # what was named before is kept
-            if rounds:
-                rounds.append(SearchRound(model, *held_out_losses(model, search.blocks, shrinkage), (), Verdict()))
-            raise
+        one = _next_round(model, shrinkage, search, rounds)
         if one.verdict.named is not None and bases < MAX_BETTER_BASES:
-            better = better_base(model, one.verdict.named, search.noise_variance)
+            try:
+                better = better_base(model, one.verdict.named, search.noise_variance)
+            except KeyboardInterrupt:  # the round is complete; the search ends below
+                better = None
             if better is not None:  # the round again: the effect may have compensated for a poor optimum
                 model, bases = better, bases + 1
                 continue
@@ -195,8 +191,24 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
         rounds.append(one)
         if one.verdict.named is None:
             break
-        before = shrinkage
-        model, shrinkage = next_base(one.verdict.named, shrinkage, search.settings)
+        before, named = shrinkage, one.verdict.named
+        try:
+            model, shrinkage = next_base(named, shrinkage, search.settings)
+        except KeyboardInterrupt:
+            rounds.append(SearchRound(named.model, named.losses, named.experiment_losses, (), Verdict()))
+            raise
+
+
+def _next_round(model: Model, shrinkage: Shrinkage, search: SearchContext, rounds: list[SearchRound]) -> SearchRound:
+    """The search for one more effect. Where it is stopped, an empty round is added: what was named before is kept."""
+    try:
+        if shrinkage:
+            search.check(model)
+        return search_round(model, shrinkage, search)
+    except (KeyboardInterrupt, OtherCommands):
+        if rounds:
+            rounds.append(SearchRound(model, *held_out_losses(model, search.blocks, shrinkage), (), Verdict()))
+        raise
 
 
 def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:

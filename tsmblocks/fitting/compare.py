@@ -16,6 +16,7 @@ from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import fit
 from tsmblocks.fitting.recordings import Data, recordings, training_windows, with_adopted_units, without_units
 from tsmblocks.fitting.result import Fit
+from tsmblocks.fitting.scale_notes import scale_notes_before
 from tsmblocks.fitting.score import Difference, Differences, score
 from tsmblocks.fitting.summary import rough_inputs
 from tsmblocks.model.diagram import Diagram
@@ -118,12 +119,9 @@ def compare(
     report = arguments.as_callback(progress, "model, evaluations and rms")
     common: Any = dict(outputs=chosen, step=step, integrator=integrator, hold=hold, backend=backend)
     search: Any = dict(start_states=start_states, method=method, starts=starts, seed=seed, window=fitted, **common)
-    training, rows, notes = {k: records[k] for k in fitted}, list[Row](), list[str]()
-    for name, diagram in candidates.items():
-        candidates[name], adopted = with_adopted_units(diagram, records)
-        notes += adopted
-    for diagram in candidates.values():
-        notes += without_units(records, diagram, [k for k in diagram.outputs if chosen is None or k in chosen])
+    training, rows, interrupted = {k: records[k] for k in fitted}, list[Row](), False
+    candidates, notes = _with_units(candidates, records, chosen)
+    notes += [text for one in candidates.values() for text in scale_notes_before(one, training, **common)]
     for name, diagram in candidates.items():
 
         def report_model(_: str, count: int, rms: float, name: str = name) -> None:
@@ -137,9 +135,24 @@ def compare(
             if len(candidates) == 1:
                 raise
             rows.append(Row(name, None, None, None, str(error)))
-        if rows[-1].interrupted:
+        except KeyboardInterrupt:  # before this model was searched, or after it
+            if not rows:
+                raise
+            interrupted = True
+        if interrupted or rows[-1].interrupted:
             break
-    return _ranked(rows, tuple(dict.fromkeys(notes)), records, candidates)
+    return _ranked(rows, tuple(dict.fromkeys(notes)), records, candidates, interrupted)
+
+
+def _with_units(
+    models: Mapping[str, Diagram], records: Mapping[str, Record], outputs: Iterable[str] | None
+) -> tuple[dict[str, Diagram], list[str]]:
+    """The models in the units of the recordings, and notes on units."""
+    adopted = {name: with_adopted_units(diagram, records) for name, diagram in models.items()}
+    notes = [text for _, some in adopted.values() for text in some]
+    for diagram, _ in adopted.values():
+        notes += without_units(records, diagram, [k for k in diagram.outputs if outputs is None or k in outputs])
+    return {name: diagram for name, (diagram, _) in adopted.items()}, notes
 
 
 def _validated(name: str, found: Fit, records: Mapping[str, Record], parts: Mapping[str, Window], common: Any) -> Row:
@@ -156,9 +169,13 @@ def _validated(name: str, found: Fit, records: Mapping[str, Record], parts: Mapp
 
 
 def _ranked(
-    rows: list[Row], notes: tuple[str, ...], records: Mapping[str, Record], models: Mapping[str, Diagram]
+    rows: list[Row],
+    notes: tuple[str, ...],
+    records: Mapping[str, Record],
+    models: Mapping[str, Diagram],
+    interrupted: bool,
 ) -> Comparison:
-    """The models from best to worst. Raises RunError if none could be fitted."""
+    """The models from best to worst; ``interrupted`` before all had a row. Raises RunError if none could be fitted."""
     if all(row.fit is None for row in rows):
         reasons = {row.fault: row.name for row in rows}
         faults = [fault if len(reasons) == 1 else f"{name}: {fault}" for fault, name in reasons.items()]
@@ -166,7 +183,7 @@ def _ranked(
     unit = next((row.train.unit for row in rows if row.train is not None), "")
     ranked = tuple(sorted(rows, key=lambda row: row.figure))
     noise = _noise(ranked[0], records, models[ranked[0].name])
-    return Comparison(ranked, unit, rows[-1].interrupted, notes, *noise)
+    return Comparison(ranked, unit, interrupted or rows[-1].interrupted, notes, *noise)
 
 
 def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[float, str]:

@@ -10,8 +10,9 @@ from weakref import WeakKeyDictionary
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import DataError, RunError, clip, near
+from tsmblocks.common.errors import DataError, RunError, clip, near, nearest
 from tsmblocks.common.interpolation import Hold, hold_of_each
+from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.data import Record
 from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.missing_units import how_to_map
@@ -170,6 +171,7 @@ class Experiment:
 
     def _advance(self, kernel: Kernel, memory: Memory, first: int, last: int, y: np.ndarray) -> None:
         """Run from step ``first`` to ``last``; where ``y`` has room for it, its last row is at step ``last``."""
+        checkpoint()
         times, n = self.times, last - first
         final = len(y) > n // times.every
         steps = Steps(times.start, times.h, first, n, final, self.hits, times.every)
@@ -269,10 +271,11 @@ def refuse_missing(record: Record, diagram: Diagram) -> None:
     """Raise DataError for an input of the diagram that was not recorded."""
     missing = [k for k in diagram.inports if k not in record]
     if missing:
+        way = how_to_map(missing[0], bare=not record.units, known=record.names)
         raise DataError(
             f"{record.called}: '{diagram.title}' needs its input '{missing[0]}', and the "
             f"recording has no such signal.{near(missing[0], record.names)} "
-            f"If it has another name there, map it when reading: {how_to_map(missing[0], bare=not record.units)}."
+            f"If it has another name there, map it when reading: {way}."
         )
 
 
@@ -332,10 +335,12 @@ def compared(records: Mapping[str, Record], diagram: Diagram, given: Sequence[st
                 "those together that have an output in common."
             )
         some = next(iter(bare or records.values()))
-        known, way = ", ".join(some.names), how_to_map("x_out", bare=not some.units)
+        known = [k for k in some.names if k not in diagram.inputs]
+        name = next((k for k in diagram.outputs if nearest(k, known)), next(iter(diagram.outputs), "x_out"))
+        way = how_to_map(name, bare=not some.units, known=known)
         raise DataError(
             f"{some.called}: none of the outputs of '{diagram.title}' "
-            f"({', '.join(diagram.outputs) or 'it has none'}) was measured; the recording has {known}. "
+            f"({', '.join(diagram.outputs) or 'it has none'}) was measured; the recording has {', '.join(some.names)}. "
             f"Map one when reading: {way}; or give the diagram an output of that name."
         )
     return found

@@ -13,7 +13,7 @@ from tsmblocks.common import arguments
 from tsmblocks.common.arguments import as_integer
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.interpolation import AUTO, Hold
-from tsmblocks.common.interrupt import defer_interrupt
+from tsmblocks.common.interrupt import InterruptFlag, defer_interrupt, without_checkpoints
 from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.fitting.divergence import raise_cause
 from tsmblocks.fitting.memories import placed, refined
@@ -187,7 +187,8 @@ def fit(
     )
     begin, found = feasible_start(problem, problem.unknowns.start), list[OptimizerResult]()
     samples, unweighted = problem.samples, sigma is None and len(problem.priors.which) > 0
-    search = functools.partial(_search, method=method, optimizer=_method(method, seed, segments))
+    many = functools.partial(starting_points, starts=starts, seed=seed) if segments == 1 else None
+    search = functools.partial(_search, method=method, optimizer=_method(method, seed, segments), starting_points=many)
     with defer_interrupt() as interrupt:
 
         def report_rms(stage: str, count: int, cost: float) -> None:
@@ -197,13 +198,12 @@ def fit(
         for _ in range(2 if unweighted else 1):
             if unweighted:
                 problem = attrs.evolve(problem, noise=_prior_noise(problem, found))
-            begins = [begin] if segments > 1 else starting_points(problem, setup, begin, starts, seed)
-            problem, setup, found = search(problem, setup, begins, {**limit, "progress": report_rms}, step is None)
+            problem, setup, found = search(problem, setup, begin, {**limit, "progress": report_rms}, step is None)
             begin = found[0].theta
             if interrupt.stop or any(f.status == "interrupted" for f in found):
-                found = [attrs.evolve(found[0], status="interrupted"), *found[1:]]
                 break
-    return summarise(problem, setup, method, nearest_of(problem, setup, found))
+        found = _nearest(problem, setup, found, interrupt)
+    return summarise(problem, setup, method, found)
 
 
 def _check_method(method: str, segments: int) -> None:
@@ -230,30 +230,49 @@ def _prior_noise(problem: Problem, found: list[OptimizerResult]) -> float:
 def _search(
     problem: Problem,
     setup: Setup,
-    begins: Sequence[np.ndarray],
+    begin: np.ndarray,
     options: Mapping[str, Any],
     follow: bool,
     *,
     method: str,
     optimizer: Callable[..., OptimizerResult],
+    starting_points: Callable[..., list[np.ndarray]] | None,
 ) -> tuple[Problem, Setup, list[OptimizerResult]]:
-    """The results from all starting points, best first; with ``follow`` at a step that follows the parameters."""
+    """The results from all starting points, best first; with ``follow`` at a step that follows the parameters.
+
+    Without ``starting_points`` the search begins at ``begin`` alone.
+    """
     from tsmblocks.fitting.discontinuous import search_discontinuous
 
     ends: list[OptimizerResult] = []
-    for begin in begins[:1] if method == "ga" else begins:
-        try:
-            ends.append(optimizer(problem, begin, **options))
-        except KeyboardInterrupt:  # before the search had a first result
-            ends.append(OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1))
-        if ends[-1].status == "interrupted":
-            return problem, setup, _ranked(problem, ends)
-    if method != "ga":
-        ends = [refined(problem, end, lambda start: optimizer(problem, start, **options)) for end in ends]
-    ends = _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
-    if follow and method == "gauss-newton":
-        problem, setup, ends[0] = following(problem, setup, ends[0], functools.partial(optimizer, **options))
+    try:
+        begins = [begin] if starting_points is None else starting_points(problem, setup, begin)
+        for one in begins[:1] if method == "ga" else begins:
+            ends.append(optimizer(problem, one, **options))
+            if ends[-1].status == "interrupted":
+                return problem, setup, _ranked(problem, ends)
+        if method != "ga":
+            ends = [refined(problem, end, lambda start: optimizer(problem, start, **options)) for end in ends]
+        ends = _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
+        if follow and method == "gauss-newton":
+            problem, setup, ends[0] = following(problem, setup, ends[0], functools.partial(optimizer, **options))
+    except KeyboardInterrupt:  # between searches, or before one had a first result
+        with without_checkpoints():
+            best, *others = _ranked(problem, ends or [OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1)])
+        ends = [attrs.evolve(best, status="interrupted"), *others]
     return problem, setup, ends
+
+
+def _nearest(
+    problem: Problem, setup: Setup, found: list[OptimizerResult], interrupt: InterruptFlag
+) -> list[OptimizerResult]:
+    """The results with the best moved nearest to the diagram's own parameters, or marked where Ctrl-C was pressed."""
+    stopped = interrupt.stop or any(f.status == "interrupted" for f in found)
+    try:
+        found = found if stopped else nearest_of(problem, setup, found)
+    except KeyboardInterrupt:
+        stopped = True
+    return [attrs.evolve(found[0], status="interrupted"), *found[1:]] if stopped or interrupt.stop else found
 
 
 def _ranked(problem: Problem, ends: list[OptimizerResult]) -> list[OptimizerResult]:

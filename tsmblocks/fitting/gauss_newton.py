@@ -11,7 +11,6 @@ from typing import NamedTuple
 import attrs
 import numpy as np
 
-from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.fitting.optimizer import (
     CONSTRAINT_TOLERANCE,
     OptimizerResult,
@@ -71,7 +70,6 @@ class _Search:
     def run(self, history: list[float], iterations: int, progress: ProgressCallback) -> str:
         """Iterate until the search ends; returns the status."""
         for _ in range(iterations):
-            checkpoint()
             ended = self.iterate()
             history.append(self.cost)
             progress("gauss-newton", self.evaluations, self.cost)
@@ -97,8 +95,8 @@ class _Search:
             if gained > 1e-4 * step.predicted:
                 if new is None:
                     self.evaluations += 2
-                self.theta = step.theta
                 self.cost, self.gradient, self.matrix = new or self.problem.normal(step.theta, self.steps)
+                self.theta = step.theta
                 share = min(gained / step.predicted, 2.0)
                 self.damping = max(self.damping * max(1 / 5, 1 - (2 * share - 1) ** 3), LEAST_DAMPING)
                 return ""

@@ -111,7 +111,10 @@ def _continued(
     on_constraint = values <= AT_END * np.abs(slopes * theta).max(axis=1, initial=1e-12)
     if not (at_end.any() or on_constraint.any()):
         return ended
-    found = gauss_newton(problem, theta, progress=progress)
+    try:
+        found = gauss_newton(problem, theta, progress=progress)
+    except KeyboardInterrupt:  # at its first evaluation
+        return attrs.evolve(ended, status="interrupted")
     if not found.cost < ended.cost or problem.violation(found.theta) > CONSTRAINT_TOLERANCE:
         return ended
     return _after(ended, found)

@@ -13,6 +13,7 @@ import attrs
 import casadi as ca
 import numpy as np
 
+from tsmblocks.common.interrupt import without_checkpoints
 from tsmblocks.fitting.optimizer import OptimizerResult, ProgressCallback, no_progress
 from tsmblocks.fitting.residuals import Problem
 
@@ -222,7 +223,8 @@ def interior_point(
     size = sizes(first.matrix, start)
     program = Program(point, curvature, unknowns.low, unknowns.high, constraints.equal, size, problem.samples)
     ended = solve(program, start, first, iterations=iterations, progress=progress)
-    cost, best, status = problem.cost(ended.z), problem.cost(ended.best), ended.status
+    with without_checkpoints():
+        cost, best, status = problem.cost(ended.z), problem.cost(ended.best), ended.status
     if problem.violation(ended.z) > 1e-6 * (1 + np.abs(ended.z).max()) or (best < cost and status != "converged"):
         ended, cost = attrs.evolve(ended, z=ended.best), best
         status = "stalled" if status == "converged" else status

@@ -13,6 +13,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError
+from tsmblocks.common.interrupt import without_checkpoints
 from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.plan import Layout
 from tsmblocks.fitting.experiments import Experiment
@@ -78,18 +79,20 @@ def multiple_shooting(
         problem.samples,
     )
     ended = solve(program, begin, first, iterations=iterations, progress=progress)
-    theta = ended.z[:n]
-    gap = float(np.abs(pieces.point(ended.z).values[len(problem.constraints.names) :] / states).max(initial=0.0))
-    if ended.status in ("interrupted", "limit"):  # the pieces may not join yet; what counts is the whole
-        theta = min((ended.last[:n], theta, start), key=problem.cost)
-    elif gap > JOINED:
+    theta, unfinished = ended.z[:n], ended.status in ("interrupted", "limit")
+    with without_checkpoints():
+        gap = float(np.abs(pieces.point(ended.z).values[len(problem.constraints.names) :] / states).max(initial=0.0))
+        if unfinished:  # the pieces may not join yet; what counts is the whole
+            theta = min((ended.last[:n], theta, start), key=problem.cost)
+        cost = problem.cost(theta)
+    if gap > JOINED and not unfinished:
         why = f"a state still jumps by {gap:.2g} of its size" if gap < 1e3 else "the states diverged"
         raise RunError(
             f"multiple shooting could not join its {segments} pieces ({ended.word}): {why}. Try more "
             "segments, another start, tighter bounds, or fewer free parameters: of two with the same effect, one must "
             "be fixed."
         )
-    return OptimizerResult(theta, problem.cost(theta), ended.status, ended.iterations, ended.evaluations, ended.history)
+    return OptimizerResult(theta, cost, ended.status, ended.iterations, ended.evaluations, ended.history)
 
 
 def cut(problem: Problem, segments: int) -> list[Segment]:

@@ -15,6 +15,7 @@ from tsmblocks.common.errors import DataError, DiagramError, in_words, near
 from tsmblocks.data import Record, read
 from tsmblocks.data.grid import MIN_RECORD_SAMPLES
 from tsmblocks.data.missing_units import assumed_units, refuse_doubtful
+from tsmblocks.data.spellings import spelling_notes
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.unit_inference import unit_label
@@ -69,14 +70,18 @@ def _record(one: Any, name: str) -> Record:
 
 
 def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iterable[str]) -> list[str]:
-    """Name signals without a unit and the unit that is assumed for them, experiment by experiment.
+    """Name signals without a unit and the unit that is assumed for them, and others that are spelt like an output.
 
     Raises DataError where they are angles of so many turns that it can hardly be so.
     """
     wanted = {k: diagram.unit(k) for k in (*diagram.inports, *outputs)}
     for name, record in records.items():
         refuse_doubtful(name, record, wanted)
-    return [f"{name}: {text}" for name, record in records.items() for text in assumed_units(record, wanted)]
+    return [
+        f"{name}: {text}"
+        for name, record in records.items()
+        for text in (*spelling_notes(diagram.outputs, record.names), *assumed_units(record, wanted))
+    ]
 
 
 def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple[Diagram, list[str]]:

@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 import attrs
 import numpy as np
 
+from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.fitting import runs
 from tsmblocks.fitting.experiments import Experiment
@@ -184,7 +185,7 @@ class Problem:
             return job[0].squares(job[1], job[2], self.weights)
 
         found = map(squares, jobs) if len(jobs) == 1 else _threads(os.getpid()).map(squares, jobs)
-        each = np.array(list(found)).reshape(len(groups), len(self.experiments), lanes)
+        each = np.array(list(_stoppable(found))).reshape(len(groups), len(self.experiments), lanes)
         total = 0.5 * each.sum(axis=1).ravel()[:count]
         if len(self.priors.which):
             total = total + np.array([self.prior_cost(theta) for theta in thetas])
@@ -215,6 +216,13 @@ class Problem:
             return 0.0
         violations = self.constraints.violations(theta)
         return float(np.where(np.isnan(violations), np.inf, violations).sum())
+
+
+def _stoppable(results: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+    """Results of threads as they come, until the search is to end; what has not begun by then never does."""
+    for one in results:
+        checkpoint()
+        yield one
 
 
 @functools.lru_cache(maxsize=1)

@@ -23,6 +23,7 @@ from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.fitting.residual_cause import fixed_in_doubt
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.result import Estimate, Fit
+from tsmblocks.fitting.scale_notes import scale_notes
 from tsmblocks.fitting.score import Differences, simulated_differences
 from tsmblocks.fitting.setup import Setup, simulated_as
 from tsmblocks.fitting.statistics import Uncertainty, intervals, uncertainty
@@ -33,6 +34,10 @@ TOUCHING = 1e-7
 """Distance from a bound, relative to the parameter, that counts as none. Chosen."""
 UNCERTAIN_VERDICT, OPEN_VERDICT = "uncertain", "not determined"
 """Verdicts on parameters with an interval that is wide, and without one."""
+POOR = 50.0
+"""Explained variation [%] below which the parameters before the fit may have led astray. Chosen."""
+FEW_PER_PARAMETER = 3
+"""Samples of all outputs for each parameter below which they are few. Chosen: the noise is then known to a fifth."""
 NEXT_TO_NOTHING = 1.0
 """Explained variation [%] up to which a diagram explains hardly more than a constant. Chosen."""
 SAME = 1.0
@@ -90,8 +95,10 @@ def summarise(
         records={experiment.name: experiment.record for experiment in setup.experiments},
         notes=(
             *setup.notes,
+            *_few_samples_notes(problem),
             *limit_note(problem, optimum.theta),
             *_step_notes(problem, setup, optimum),
+            *scale_notes(setup, growth=min(d.fit_percent for d in differences) < POOR),
             *_data_notes(setup, differences),
             *_held_input_notes(problem, setup, optimum),
             *_input_noise_notes(problem, setup, optimum),
@@ -283,6 +290,17 @@ def _known_parameter_notes(setup: Setup, free: list[str]) -> list[str]:
         "only around the value found: compare the residual with that for the value on the data sheet."
         for name in dict.fromkeys(free)
         if any(f.known for f in fields[name])
+    ]
+
+
+def _few_samples_notes(problem: Problem) -> list[str]:
+    """A note on samples that are few for the parameters."""
+    samples, count = problem.samples, len(problem.unknowns.items)
+    if samples >= FEW_PER_PARAMETER * count:
+        return []
+    return [
+        f"{samples} samples are few for {count} parameter{'s' if count > 1 else ''}: they hardly show what the model "
+        "lacks, and the intervals rest on noise that is itself uncertain. Give more samples, or free fewer parameters."
     ]
 
 

@@ -154,6 +154,21 @@ def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
     return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
 
 
+def growing_pole(eq: Equations, p: np.ndarray) -> tuple[float, str] | None:
+    """The largest growth rate [1/s] of a pole at the initial states, and the state it belongs to; None if none grows.
+
+    None for more than ``MOST_STATES`` states as well.
+    """
+    if not eq.x or len(eq.x) > MOST_STATES:
+        return None
+    a = _jacobian_at(eq, 0.0, np.inf, p, *_start_values(RunStart(eq, p), np.inf), whole=True)
+    if not np.isfinite(a).all():
+        return None
+    values, vectors = np.linalg.eig(a)
+    k = int(np.argmax(values.real))
+    return (float(values[k].real), eq.x[int(np.argmax(np.abs(vectors[:, k])))]) if values[k].real > 0 else None
+
+
 def _start_values(run: RunStart, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """States, memory and inputs at the start of a run with steps of ``h`` s; a jump has just passed."""
     instant = np.array([run.start])
