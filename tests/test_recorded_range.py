@@ -55,3 +55,20 @@ def test_a_limit_that_the_signal_does_not_reach(high, remarked):
 def test_parameters_that_were_not_fitted_are_not_examined():
     fit = fitted(CoulombFriction(smoothing=5.0), "v", "block.level", 1.0, 0.5)
     assert beyond_range(fit) == []
+
+
+@pytest.mark.filterwarnings("error")
+def test_signals_are_those_at_the_step_of_the_fit():
+    diagram = tsm.Diagram(
+        title="fast",
+        blocks={"lag": tsm.blocks.FirstOrderLag(time_constant=2e-4), "limit": Saturation(low=-3.0, high=0.6)},
+        wires=["lag -> limit"],
+        inputs={"u": tsm.Inlet(["lag.u"], unit="mm/s")},
+        outputs={"y": "limit"},
+    )
+    t = T[:200]
+    y = np.minimum(U[:200], 0.6) + np.random.default_rng(1).normal(0.0, 1e-3, len(t))
+    record = tsm.Record("run", t, {"u": U[:200], "y": y}, {"u": "mm/s", "y": "mm/s"})
+    fit = tsm.fit(diagram, record, free=["limit.high"], start={"limit.high": 0.8}, starts=1, step=1e-4)
+    assert fit["limit.high"].value == pytest.approx(0.6, abs=0.01)
+    assert beyond_range(fit) == []

@@ -12,6 +12,7 @@ from tsmblocks.common.units import display_unit
 from tsmblocks.fitting.parameters import numbers
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.simulate import simulate
+from tsmblocks.simulation.stability import no_step_warnings
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.result import Fit
@@ -80,8 +81,17 @@ def _runs(fit: Fit) -> dict[str, Any]:
 
 def _simulated(fit: Fit) -> Iterator[tuple[str, Any]]:
     for name, diagram in fit.diagrams.items():
-        record = fit.records[name]
+        record, known = fit.records[name], diagram.simulation
         try:
-            yield name, simulate(diagram, inputs=dict.fromkeys(diagram.inports, record), check_step=False)
+            with no_step_warnings():
+                run = simulate(
+                    diagram,
+                    inputs=dict.fromkeys(diagram.inports, record),
+                    step=known.step_of(name) or fit.step,
+                    method=known.method or fit.integrator,
+                    hold=fit.hold,
+                    check_step=False,
+                )
+            yield name, run
         except TsmError:  # it was simulated in pieces, or diverges as a whole
             continue
