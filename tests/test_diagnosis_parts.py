@@ -228,6 +228,19 @@ def test_what_is_no_speed_has_no_wire_for_friction():
     assert told["m"] == told["x"] == ["output", "input"]
 
 
+@pytest.mark.parametrize(("unit", "rubs"), [("m", True), ("V", True), ("", True), ("Pa", False), ("degC", False)])
+def test_nothing_rubs_along_what_is_no_motion(unit, rubs):
+    twice = Diagram(
+        blocks={"valve": FirstOrderLag(), "oil": Integrator()},
+        wires=["valve -> oil"],
+        inputs={"u": "valve"},
+        outputs={"y": "oil"},
+    )
+    places = [site.place for site in insertion_points(twice, ["y"], measured={"y": unit})]
+    assert "drive" in places
+    assert ("load" in places) is rubs
+
+
 def test_wires_of_a_closed_loop():
     """No wire stands twice, and a measured voltage is the wire that drives, not one of its own."""
     assert where(tsm.load("fig16_feedforward_feedback"), ["x_in", "x_out", "u"]) == [

@@ -22,6 +22,9 @@ FORCE_TO_POSITION = 2
 """Integrations from a force to the position at least; to the speed one less. Source: Newton's second law."""
 SPEED_DIMENSIONS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
 """Dimensions of outputs that are speeds."""
+NO_MOTIONS = {parse(unit).dimension for unit in ("Pa", "K", "A", "N", "N*m", "W", "kg/s", "m^3/s")}
+"""Dimensions of signals that are no motions, so that nothing rubs, springs or ripples along them. Voltages are not
+among them: sensors of motions have them."""
 
 
 @attrs.frozen
@@ -124,15 +127,18 @@ def insertion_points(
         if port:
             found.append(InsertionPoint("output", name, signal, before=port))
             found += [InsertionPoint("across", name, signal, other=k, before=port) for k in reading]
-        speed = is_speed(diagram.unit(name) or (measured or {}).get(name, ""))
+        unit = diagram.unit(name) or (measured or {}).get(name, "")
+        speed = is_speed(unit)
         drive = driving_port(diagram, name, FORCE_TO_POSITION - speed)
         signal = source_of(diagram, drive) if drive else source
         if signal != source:  # an output that is its own drive has no drive in front of it
             found.append(InsertionPoint("drive", name, signal, before=drive))
-            found.append(InsertionPoint("brake" if speed else "load", name, signal, other=source, before=drive))
+            if not _is_no_motion(unit):
+                found.append(InsertionPoint("brake" if speed else "load", name, signal, other=source, before=drive))
         for port, moved in _inner_drives(diagram, name, drive):
             found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
-            found.append(InsertionPoint("load", name, source_of(diagram, port), other=moved, before=port))
+            if moved != source or not _is_no_motion(unit):
+                found.append(InsertionPoint("load", name, source_of(diagram, port), other=moved, before=port))
     loads = {point.before for point in found if point.place == "load"}
     found = [point for point in found if point.place != "brake" or point.before not in loads]
     drives = {point.signal for point in found if point.place == "drive"}
@@ -193,6 +199,14 @@ def is_speed(unit: str) -> bool:
     """Whether a unit is that of a speed, of turning or straight on; one that is not known is none."""
     try:
         return parse(unit).dimension in SPEED_DIMENSIONS
+    except UnitError:
+        return False
+
+
+def _is_no_motion(unit: str) -> bool:
+    """Whether a unit is known, and that of no motion."""
+    try:
+        return bool(unit) and parse(unit).dimension in NO_MOTIONS
     except UnitError:
         return False
 
