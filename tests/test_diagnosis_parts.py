@@ -20,6 +20,7 @@ from tsmblocks.blocks import (
     Bias,
     DCMotor,
     Drift,
+    FirstOrderLag,
     Gain,
     Integrator,
     Jump,

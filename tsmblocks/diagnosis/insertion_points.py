@@ -22,7 +22,7 @@ FORCE_TO_POSITION = 2
 """Integrations from a force to the position at least; to the speed one less. Source: Newton's second law."""
 SPEED_DIMENSIONS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
 """Dimensions of outputs that are speeds."""
-NO_MOTIONS = {parse(unit).dimension for unit in ("Pa", "K", "A", "N", "N*m", "W", "kg/s", "m^3/s")}
+NO_MOTIONS = {parse(unit).dimension for unit in ("Pa", "K", "degC", "A", "N", "N*m", "W", "kg/s", "m^3/s")}
 """Dimensions of signals that are no motions, so that nothing rubs, springs or ripples along them. Voltages are not
 among them: sensors of motions have them."""
 
