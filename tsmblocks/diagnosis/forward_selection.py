@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import functools
+from collections import Counter
 from collections.abc import Sequence
 
 import attrs
+import numpy as np
 
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.base_search import better_base
@@ -58,8 +60,12 @@ MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 MIN_FITTED_CANDIDATES = 3
 """Candidates fitted in a round at least, where there are so many. Chosen: screening is of first order only."""
-MAX_FITTED_CANDIDATES = 14
+MAX_FITTED_CANDIDATES = 16
 """Candidates fitted in a round at most. Chosen: for the run time."""
+MAX_FITTED_VARIANTS = 3
+"""Variants and places of one effect that are fitted in a round, before those of all others. Chosen."""
+MAX_FITTED_LOCAL = 4
+"""Candidates with a value in each recording that are fitted in a round, before all others. Chosen."""
 MIN_SCREENING_SCORE = 0.02
 """Predicted fall of the mean square [noise variances] from which a candidate is fitted. Chosen: a third of what is
 needed for a name, since screening is of first order only."""
@@ -164,9 +170,23 @@ def _worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: Searc
     """
     best = scores[0].gain if scores else 0.0
     least = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
-    rest = scores[MAX_FITTED_CANDIDATES:]
-    first = [*scores[:MAX_FITTED_CANDIDATES], *(one for one in rest if one.candidate.effect.place == REPLACED)]
-    return [score for k, score in enumerate(first) if k < MIN_FITTED_CANDIDATES or score.gain > least]
+    some = _various(scores)
+    chosen = [one for one in scores if one in some or one.candidate.effect.place == REPLACED]
+    return [score for k, score in enumerate(chosen) if k < MIN_FITTED_CANDIDATES or score.gain > least]
+
+
+def _various(scores: Sequence[ScreeningScore]) -> list[ScreeningScore]:
+    """The candidates that exceed most what they reach in noise, no more than a few variants of one effect if there are
+    others: what has a value in each recording reaches much in anything, and would leave no room for other effects.
+    """
+    ordered, counts = sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain), Counter[object]()
+    first, others = list[ScreeningScore](), list[ScreeningScore]()
+    for one in ordered:
+        effect = one.candidate.effect
+        kinds = ((effect.name, MAX_FITTED_VARIANTS), *([(True, MAX_FITTED_LOCAL)] if effect.local else []))
+        counts.update(kind for kind, _ in kinds)
+        (first if all(counts[kind] <= most for kind, most in kinds) else others).append(one)
+    return [*first, *others][:MAX_FITTED_CANDIDATES]
 
 
 def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, rounds: list[SearchRound]) -> None:
