@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pytest
 
@@ -9,7 +10,8 @@ import tsmblocks as tsm
 from tsmblocks.blocks import FirstOrderLag, Gain, Play
 from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.initial_states import refine_memories
-from tsmblocks.diagnosis.model import ModelSettings, calibrate, model_at, pose_model
+from tsmblocks.diagnosis.model import ModelSettings, calibrate, model_at, pose_model, with_accurate_step
+from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.memories import memory_edges, placed
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.setup import pose
@@ -124,3 +126,50 @@ def test_an_effect_is_compared_with_the_base_at_the_parameters_found_beside_it()
     better = better_base(poor, named, 1.0)
     assert better.mean_square == pytest.approx(best.mean_square, rel=1e-3)
     assert better_base(better, named, 1.0) is None
+
+
+STICKING = """
+format = 1
+title = "Slide"
+wires = ["push.y -> speed -> place", "speed -> rub -> push.minus"]
+[blocks]
+push = { type = "Sum", signs = "+-" }
+speed = { type = "Integrator" }
+place = { type = "Integrator" }
+rub = { type = "CoulombFriction", level = 0.8, smoothing = 3e-4 }
+[inputs]
+u = { ports = "push.plus", unit = "m/s^2" }
+[outputs]
+x = { signal = "place", unit = "m" }
+"""
+
+
+@pytest.fixture(scope="module")
+def sliding():
+    """A slide with dry friction that was simulated at a step of 0.1 ms, and recorded each 5 ms."""
+    diagram, t = tsm.loads(STICKING), np.arange(0.0, 4.0, 0.005)
+    u = 2.0 * np.sin(2 * np.pi * 0.7 * t) + 0.9 * np.sin(2 * np.pi * 1.9 * t)
+    run = tsm.simulate(diagram, inputs={"u": (t, u)}, step=1e-4, stop=t[-1])
+    x = run["x"][::50] + np.random.default_rng(0).normal(0.0, 2e-5, t.size)
+    return diagram, {"r": tsm.Record("r", t, {"u": u, "x": x}, {"u": "m/s^2", "x": "m"})}
+
+
+@pytest.mark.parametrize("given", [None, 0.005])
+def test_the_step_is_halved_where_it_changes_the_residuals_materially(sliding, given):
+    diagram, records = sliding
+    settings = ModelSettings(free=("rub.level",), sigma={"x": 2e-5}, outputs=("x",), step=given)
+    problem, setup = pose_model(diagram, records, attrs.evolve(settings, step=0.005), settings.free)
+    rough = model_at(problem, setup, gauss_newton(problem, problem.unknowns.start))
+    better = with_accurate_step(rough, settings)
+    if given is not None:
+        assert better is rough
+        return
+    assert better.setup.steps["r"] <= 0.005 / 4
+    assert abs(better.values["rub.level"] - 0.8) < abs(rough.values["rub.level"] - 0.8) / 2
+    assert better.mean_square < 0.5 * rough.mean_square
+    assert with_accurate_step(better, settings).setup.steps == better.setup.steps
+
+
+def test_a_step_at_which_halving_changes_next_to_nothing_stays():
+    model = calibrate(PLAY, recordings(3), SETTINGS)
+    assert with_accurate_step(model, SETTINGS) is model

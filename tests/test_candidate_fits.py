@@ -9,7 +9,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.common.errors import RunError
-from tsmblocks.diagnosis import candidate_fits
+from tsmblocks.diagnosis import candidate_fits, forward_selection
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from independent_cases import build
@@ -92,3 +92,45 @@ def test_the_fit_of_a_known_effect_starts_at_its_parameters():
     assert candidate_fits.known_starts(score, None) == []
     beside.candidate.effect.name = "creep"
     assert candidate_fits.known_starts(score, beside) == []
+
+
+def score(name, gain, noise, *, local=(), variant="", place="output", signal="y"):
+    effect = SimpleNamespace(name=name, variant=variant, place=place, local=local)
+    candidate = SimpleNamespace(effect=effect, point=SimpleNamespace(signal=signal))
+    return SimpleNamespace(candidate=candidate, gain=gain, noise_gains=np.array([noise, noise]))
+
+
+def fitted_names(scores):
+    """The candidates of these that a round fits, with a problem of a thousand samples."""
+    model = SimpleNamespace(problem=SimpleNamespace(samples=1000))
+    search = SimpleNamespace(noise_variance=1.0)
+    ordered = sorted(scores, key=lambda one: -one.gain)
+    chosen = forward_selection._worth_fitting(ordered, model, search)
+    return [f"{one.candidate.effect.name}{one.candidate.effect.variant}" for one in chosen]
+
+
+def test_what_reaches_much_in_noise_leaves_room_for_other_effects():
+    flood = [score("change", 1000.0 + k, 600.0, local=("size",), variant=str(k)) for k in range(20)]
+    others = [score(name, 300.0, 20.0) for name in ("backlash", "creep", "dead_zone")]
+    names = fitted_names([*flood, *others])
+    assert names[:3] == ["change19", "change18", "change17"]
+    assert {"backlash", "creep", "dead_zone"} < set(names)
+    assert len(names) == forward_selection.MAX_FITTED_CANDIDATES
+
+
+def test_what_predicts_next_to_nothing_is_not_fitted_but_for_the_first_few():
+    names = fitted_names([score("a", 900.0, 1.0), *(score(n, 5.0, 1.0) for n in "bcde")])
+    assert len(names) == forward_selection.MIN_FITTED_CANDIDATES
+    assert names[0] == "a"
+
+
+def test_replacements_are_fitted_beside_the_others():
+    many = [score(f"effect{k}", 500.0, 1.0) for k in range(30)]
+    assert "relative" in fitted_names([*many, score("relative", 400.0, 1.0, place=forward_selection.REPLACED)])
+
+
+def test_a_candidate_is_known_by_its_effect_variant_and_place():
+    known = score("dead_zone", 1.0, 0.0, variant="drive", signal="u")
+    assert candidate_fits.is_of(known, score("dead_zone", 5.0, 0.0, variant="drive", signal="u"))
+    assert not candidate_fits.is_of(known, score("dead_zone", 5.0, 0.0, variant="drive"))
+    assert not candidate_fits.is_of(known, score("dead_zone", 5.0, 0.0, signal="u"))

@@ -12,6 +12,7 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.interpolation import AUTO, Hold
+from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.data import Record
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.fit import starting_points
@@ -24,7 +25,7 @@ from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, no_prog
 from tsmblocks.fitting.parameter_vector import Unknown
 from tsmblocks.fitting.parameters import numbers, with_initial_values
 from tsmblocks.fitting.residuals import Problem
-from tsmblocks.fitting.setup import Setup, pose
+from tsmblocks.fitting.setup import FINEST, Setup, pose
 from tsmblocks.fitting.step_size import following, halved
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
@@ -49,8 +50,6 @@ SAME_OPTIMUM = 1.0
 MAX_STEP_ERROR = 0.05
 """Mean square of what halving the step changes, up to which it is not material [that of the residual, or the noise
 variance, whichever is larger]. Chosen: a model error of that size is not material either."""
-MOST_ACCURATE_HALVINGS = 4
-"""Times that the step is halved for it, at most. Chosen: for the run time."""
 
 ProgressCallback = Callable[[str, int, int], None]
 """Called with the stage, the number of steps done, and their total."""
@@ -187,7 +186,8 @@ def with_accurate_step(model: Model, settings: ModelSettings) -> Model:
     An effect that switches, such as dry friction beside a dead zone, makes errors at a step at which the model without
     it is right: from those a search finds another optimum, or none. A step that was given stays.
     """
-    for _ in range(MOST_ACCURATE_HALVINGS if settings.step is None else 0):
+    while settings.step is None and all(one.record.step < FINEST * one.times.h for one in model.setup.experiments):
+        checkpoint()
         try:
             problem, setup = halved(model.problem, model.setup)
         except RunError:  # more steps than fit into memory
