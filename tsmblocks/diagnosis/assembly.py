@@ -23,6 +23,7 @@ from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.summary import segment_summary
 from tsmblocks.fitting.holds import common_holds, in_one_word
 from tsmblocks.fitting.parameters import with_initial_values
+from tsmblocks.fitting.setup import one_where_equal
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.simulation import Simulation
 
@@ -96,7 +97,7 @@ def _with_simulation(diagram: Diagram, parts: Sequence[DiagnosedPart], models: S
     starts, steps = _starts_and_steps(models, experiment_of)
     first, hold = models[0].setup.experiments[0], _hold(parts)
     simulation = Simulation(
-        step=next(iter(steps.values())) if len(set(steps.values())) == 1 else steps,
+        step=one_where_equal(steps),
         method=first.rule.name,
         hold=hold if isinstance(hold, str) else {k: v for k, v in hold.items() if k in diagram.inputs},
         condition=tuple(k for k in diagram.inputs if any(k in one.filtered for one in parts)),

@@ -187,15 +187,19 @@ def experiment_starts(setup: Setup) -> tuple[dict[str, float], ...]:
 
 def simulated_as(setup: Setup, starts: Sequence[Mapping[str, float]]) -> Simulation:
     """How the experiments were simulated, with the initial states, so that a file reproduces the simulation."""
-    steps, first = setup.steps, setup.experiments[0]
     own = {experiment.name: values for experiment, values in zip(setup.experiments, starts, strict=True) if values}
     return Simulation(
-        step=first.times.h if len(set(steps.values())) == 1 else steps,
-        method=first.rule.name,
+        step=one_where_equal(setup.steps),
+        method=setup.experiments[0].rule.name,
         hold=setup.hold,
         condition=setup.diagram.simulation.condition,
         start=own,
     )
+
+
+def one_where_equal(steps: Mapping[str, float]) -> float | Mapping[str, float]:
+    """The step [s] of all experiments where they share one, else those by experiment."""
+    return next(iter(steps.values())) if len(set(steps.values())) == 1 else steps
 
 
 # ---- the problem --------------------------------------------------------------------------------
