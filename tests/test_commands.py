@@ -71,13 +71,40 @@ def test_a_smooth_motion_stays_smooth(u):
     assert not told(found, "held")
 
 
-@pytest.mark.parametrize("delay", [0.004, 0.05])
+@pytest.mark.parametrize("delay", [0.004, 0.016, 0.05])
 def test_a_dead_time_of_another_length_is_no_hold(u, delay):
     late = tsm.loads(PLANT).insert("late", tsm.blocks.DeadTime(time=delay), before="lag.u")
     found = diagnosed(recorded(u, hold="cubic", model=late))
     (one,) = found.effects
     assert (one.name, found.simulated.hold) == ("dead_time", "cubic")
     assert next(iter(one.parameters.values())).value == pytest.approx(delay, rel=0.1)
+
+
+def test_a_hold_is_found_from_a_base_that_is_far_from_its_best_parameters():
+    """The share of the hold is of first order, and 1.52 here beside the base with a smooth input."""
+    swing = """
+    format = 1
+    title = "Swing"
+    wires = ["push.y -> speed -> place", "place -> spring -> push.minus1", "speed -> damper -> push.minus2"]
+    [blocks]
+    push = { type = "Sum", signs = "+--" }
+    speed = { type = "Integrator" }
+    place = { type = "Integrator" }
+    spring = { type = "Gain", gain = 1500.0 }
+    damper = { type = "Gain", gain = 1.2 }
+    [inputs]
+    u = { ports = "push.plus", unit = "m/s^2" }
+    [outputs]
+    x = { signal = "place", unit = "m" }
+    """
+    t = STEP * np.arange(1200)
+    u = motion(t) + 0.5 * np.sin(31.0 * t)
+    run = tsm.simulate(tsm.loads(swing), inputs={"u": (t, u)}, hold="zero", stop=t[-1], step=STEP / 16)
+    x = run["x"][::16] + np.random.default_rng(0).normal(0.0, 2e-6, t.size)
+    record = tsm.Record("run", t, {"u": u, "x": x}, {"u": "m/s^2", "x": "m"})
+    found = tsm.diagnose(tsm.loads(swing), record, effects=["dead_time", "first_order_lag"])
+    assert (found.verdict, found.simulated.hold) == ("none", "zero")
+    assert found.augmented.parameters["damper.gain"] == pytest.approx(1.2, rel=0.01)
 
 
 def test_a_hold_beside_an_effect_is_found_once_the_effect_is_named(u):

@@ -15,7 +15,12 @@ import numpy as np
 from tsmblocks.data import Record
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.fitting.held_inputs import residuals_held, rest_with
+from tsmblocks.fitting.held_inputs import CLEAR, MAX_DISTANCE, Alternative, alternative, residuals_held
+from tsmblocks.fitting.setup import Setup
+
+ROUGH_DISTANCE = 0.7
+"""The same beside a base that may be far from its best parameters, whose share is of first order only: the base is then
+fitted with the alternative, which is kept where the outputs do not ask for the way back. Chosen."""
 
 
 @attrs.frozen
@@ -58,25 +63,47 @@ NO_COMMANDS = Commands()
 
 
 def found_commands(
-    model: Model, raw: Mapping[str, Record], filtered: Collection[str], may_be_held: Collection[str]
+    model: Model,
+    raw: Mapping[str, Record],
+    filtered: Collection[str],
+    may_be_held: Collection[str],
+    distance: float = MAX_DISTANCE,
 ) -> Commands:
     """The inputs of a model that its outputs show to be commands, of the alternatives the one with the least residual.
 
     ``raw`` are the recordings (or their pieces) before filtering, ``filtered`` the inputs whose noise was filtered out,
-    and ``may_be_held`` those whose hold was not given.
+    and ``may_be_held`` those whose hold was not given. The share of an alternative is 1 up to ``distance``.
     """
-    found, bounds = Commands(), np.eye(model.J.shape[1])[model.at_bound]
+    found = Commands()
     for name in model.diagram.inputs:
         right = list[tuple[float, Commands]]()
-        for one in _alternatives(name, filtered, may_be_held):
-            r = _residuals(model, raw, name, one)
-            if r is None:
-                continue
-            rest = rest_with(model.J, model.r, r, model.problem.segments, bounds if len(bounds) else None)
-            right += [] if rest is None else [(rest, one)]
+        for commands in _alternatives(name, filtered, may_be_held):
+            one = _beside(model, _residuals(model, raw, name, commands))
+            right += [(one.rest, commands)] if one is not None and one.is_near(distance) else []
         if right:
             found = found.joined(min(right, key=lambda pair: pair[0])[1])
     return found
+
+
+def confirmed(model: Model, before: Setup) -> bool:
+    """Whether the outputs do not ask for the way back, of a model fitted with some commands.
+
+    Beside a lag or a dead time that is longer than half a sample they ask for more of the same instead. ``before`` is
+    the setup without them.
+    """
+    made = attrs.evolve(model.problem, experiments=before.experiments)
+    if made.samples != model.problem.samples:
+        return True
+    one = _beside(model, made.residuals(model.theta))
+    return one is None or one.clear == 0 or abs(one.share) <= MAX_DISTANCE or abs(one.clear) < CLEAR
+
+
+def _beside(model: Model, other: np.ndarray | None) -> Alternative | None:
+    """An alternative beside a model, whose residuals are ``other``."""
+    if other is None:
+        return None
+    bounds = np.eye(model.J.shape[1])[model.at_bound]
+    return alternative(model.J, model.r, other, model.problem.segments, bounds if len(bounds) else None)
 
 
 def _alternatives(name: str, filtered: Collection[str], may_be_held: Collection[str]) -> Iterator[Commands]:

@@ -11,7 +11,7 @@ from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request
-from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands, OtherCommands, found_commands
+from tsmblocks.diagnosis.commands import NO_COMMANDS, ROUGH_DISTANCE, Commands, OtherCommands, confirmed, found_commands
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors
@@ -25,6 +25,7 @@ from tsmblocks.diagnosis.partition import (
     within_windows,
 )
 from tsmblocks.diagnosis.signs import with_signs
+from tsmblocks.fitting.held_inputs import MAX_DISTANCE
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.simulation.compiled import equations
 
@@ -53,11 +54,11 @@ class Prepared:
         if found := self.commands_of(model):
             raise OtherCommands(self.commands.joined(found))
 
-    def commands_of(self, model: Model) -> Commands:
+    def commands_of(self, model: Model, distance: float = MAX_DISTANCE) -> Commands:
         """The inputs that the outputs show to be commands, beyond those that are known."""
         given = hold_of_each(self.request.settings.restricted_to(self.part.diagram, (), {}).hold, self._inputs)
         may_be_held = {k for k, hold in given.items() if hold == AUTO and k not in self.commands.held}
-        return found_commands(model, self.raw, self.filtered, may_be_held)
+        return found_commands(model, self.raw, self.filtered, may_be_held, distance)
 
     @property
     def _inputs(self) -> tuple[str, ...]:
@@ -74,10 +75,11 @@ class Prepared:
 def prepared(part: Part, request: Request, progress: ProgressCallback, commands: Commands = NO_COMMANDS) -> Prepared:
     """The recordings prepared and the base fitted; ``commands`` are those that are known already."""
     found = _as_told(part, request, progress, commands)
-    if not (more := found.commands_of(found.base)):
+    if not (more := found.commands_of(found.base, ROUGH_DISTANCE)):
         return found
     other = prepared(part, request, progress, commands.joined(more))
-    return other if other.error < found.error else found
+    kept = other.error < found.error and confirmed(other.base, found.base.setup)
+    return other if kept else found
 
 
 def _as_told(part: Part, request: Request, progress: ProgressCallback, commands: Commands) -> Prepared:

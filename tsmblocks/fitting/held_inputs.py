@@ -33,27 +33,43 @@ def residuals_held(problem: Problem, setup: Setup, theta: np.ndarray, name: str)
     return attrs.evolve(problem, experiments=tuple(made)).residuals(theta)
 
 
-def rest_with(
-    J: Jacobian, r: np.ndarray, other: np.ndarray, segments: Sequence[slice], held: np.ndarray | None
-) -> float | None:
-    r"""The sum of squares that an alternative leaves, whose residuals are ``other`` (N,); None where it is not right.
+@attrs.frozen
+class Alternative:
+    """Another way to simulate inputs beside a model: its share, how clear of 0 that is, and what it would leave.
 
-    The alternative is added to the residuals r with a share :math:`\alpha` beside the parameters, to first order:
+    ``share`` is 1 where it is right and 0 where the model is; ``clear`` is the share in its standard deviations;
+    ``rest`` the sum of squares with it.
+    """
+
+    share: float
+    clear: float
+    rest: float
+
+    def is_near(self, distance: float) -> bool:
+        """Whether its share is near 1 and clear of 0."""
+        return abs(self.share - 1) <= distance and self.clear > CLEAR
+
+
+def alternative(
+    J: Jacobian, r: np.ndarray, other: np.ndarray, segments: Sequence[slice], held: np.ndarray | None
+) -> Alternative | None:
+    r"""The alternative whose residuals are ``other`` (N,) beside a model with residuals ``r``; None where equal.
+
+    It is added to the residuals with a share :math:`\alpha` beside the parameters, to first order:
 
     .. math:: r + \alpha (r_\mathrm{other} - r) + J \, \Delta\theta
 
-    It is right where the estimate of :math:`\alpha` is near 1 and clear of 0. ``J`` (N, p) is the Jacobian, ``held``
-    (m, p) the gradients of active bounds.
+    ``J`` (N, p) is the Jacobian, ``held`` (m, p) the gradients of active bounds.
     """
     if not np.isfinite(other).all() or np.array_equal(other, r):
         return None
     n = J.shape[1]
     both = attrs.evolve(J, common=np.column_stack([J.common, other - r]), common_columns=np.append(J.common_columns, n))
     bounds = None if held is None else np.pad(held, ((0, 0), (0, 1)))
-    share = moved(both, r, held=bounds)[-1]
-    if abs(share - 1) > MAX_DISTANCE or not share > CLEAR * uncertainty(both, r, segments, held=bounds).errors[-1]:
-        return None
-    return square(other + J @ moved(J, other, held=held))
+    share = float(moved(both, r, held=bounds)[-1])
+    error = float(uncertainty(both, r, segments, held=bounds).errors[-1])
+    clear = share / error if 0 < error < np.inf else 0.0
+    return Alternative(share, clear, square(other + J @ moved(J, other, held=held)))
 
 
 def held_input_notes(
@@ -68,10 +84,10 @@ def held_input_notes(
     """A note on each of some inputs that the outputs show to be held between samples."""
     for name in may_be_held:
         other = residuals_held(problem, setup, theta, name)
-        rest = None if other is None else rest_with(J, r, other, problem.segments, held)
-        if rest is not None and rest < square(r):
+        one = None if other is None else alternative(J, r, other, problem.segments, held)
+        if one is not None and one.is_near(MAX_DISTANCE) and one.rest < square(r):
             yield (
                 f"the outputs agree with {name} held between samples, as at the output of a sampled controller, and "
-                f"not with a smooth {name}: the residual would be about {np.sqrt(rest / square(r)):.2g} of what it is. "
-                "Fit with hold='zero', or --hold zero."
+                f"not with a smooth {name}: the residual would be about {np.sqrt(one.rest / square(r)):.2g} of what it "
+                "is. Fit with hold='zero', or --hold zero."
             )
