@@ -34,12 +34,12 @@ def execute(args: argparse.Namespace) -> int:
     for name in args.files:
         try:
             checked.append({"file": name, "sound": True, **contents(name, refuse_loops=args.loops == "refuse")})
-            if not args.json:
-                console.print_text(console.fold(f"{name}: {description(checked[-1])}", sys.stdout))
         except (TsmError, OSError) as error:
             checked.append({"file": name, "sound": False, "faults": _faults(error)})
             if not args.json:
                 console.print_error(str(error))
+        if checked[-1]["sound"] and not args.json:  # a fault of standard output is none of the file
+            console.print_text(console.fold(f"{name}: {description(checked[-1])}", sys.stdout))
     faulty = sum(not one["sound"] for one in checked)
     if args.json:
         console.print_json({"faulty": faulty, "files": checked})
