@@ -156,11 +156,15 @@ def readable_streams() -> Iterator[None]:
 
 
 def print_text(text: str, stream: TextIO | None = None) -> None:
-    """Print a text for people on standard output or another stream, at once: with colours, where it shows them."""
+    """Print a text for people on standard output or another stream: with colours, where it shows them.
+
+    Standard output is written at the end of the command: a fault of it is then one message.
+    """
     stream = sys.stdout if stream is None else stream
     write = getattr(stream, "write_emphasised", stream.write)
     write(f"{text}\n")
-    stream.flush()
+    if stream is not sys.stdout:
+        stream.flush()
 
 
 def print_error(text: str) -> None:

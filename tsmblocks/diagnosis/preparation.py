@@ -29,6 +29,10 @@ from tsmblocks.fitting.held_inputs import MAX_DISTANCE
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.simulation.compiled import equations
 
+MAX_ERROR_SHARE = 0.7
+"""Residual with held inputs over that without [rms], at most. Chosen: half of the mean square; a gap that is missing
+delays as well, and a hold takes less than that off."""
+
 
 @attrs.frozen(eq=False)
 class Prepared:
@@ -57,8 +61,11 @@ class Prepared:
     def commands_of(self, model: Model, distance: float = MAX_DISTANCE) -> Commands:
         """The inputs that the outputs show to be commands, beyond those that are known."""
         given = hold_of_each(self.request.settings.restricted_to(self.part.diagram, (), {}).hold, self._inputs)
-        may_be_held = {k for k, hold in given.items() if hold == AUTO and k not in self.commands.held}
-        return found_commands(model, self.raw, self.filtered, may_be_held, distance)
+        measured = self.part.cut  # outputs of another part, which are no commands
+        may_be_held = {
+            k for k, hold in given.items() if hold == AUTO and k not in self.commands.held and k not in measured
+        }
+        return found_commands(model, self.raw, [k for k in self.filtered if k not in measured], may_be_held, distance)
 
     @property
     def _inputs(self) -> tuple[str, ...]:
@@ -78,7 +85,8 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
     if not (more := found.commands_of(found.base, ROUGH_DISTANCE)):
         return found
     other = prepared(part, request, progress, commands.joined(more))
-    kept = other.error < found.error and confirmed(other.base, found.base.setup)
+    most = MAX_ERROR_SHARE if more.held else 1.0
+    kept = other.error < most * found.error and confirmed(other.base, found.base.setup)
     return other if kept else found
 
 
