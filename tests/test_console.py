@@ -463,14 +463,6 @@ def test_work_of_no_stages_has_a_line_at_times(monkeypatch, capsys):
     assert capsys.readouterr().err.splitlines() == ["after 20 s: 0.2", "after 1 min 30 s: 0.9"]
 
 
-def test_what_is_printed_is_not_kept_back(tmp_path, monkeypatch):
-    path = tmp_path / "out.txt"
-    with path.open("w", encoding="utf-8") as stream:
-        monkeypatch.setattr(sys, "stdout", stream)
-        console.print_text("a result")
-        assert path.read_text(encoding="utf-8") == "a result\n"
-
-
 def test_progress_is_shown_as_often_as_it_can_be_read(monkeypatch):
     stream = watched(monkeypatch)
     clock = iter([0.0, 0.01, 0.02, 0.2, 0.21])
