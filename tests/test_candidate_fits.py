@@ -10,6 +10,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.common.errors import RunError
 from tsmblocks.diagnosis import candidate_fits, forward_selection
+from tsmblocks.diagnosis.candidates import Candidate
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from independent_cases import build
@@ -94,9 +95,9 @@ def test_the_fit_of_a_known_effect_starts_at_its_parameters():
     assert candidate_fits.known_starts(score, beside) == []
 
 
-def score(name, gain, noise, *, local=(), variant="", place="output", signal="y"):
+def score(name, gain, noise, *, local=(), variant="", place="output"):
     effect = SimpleNamespace(name=name, variant=variant, place=place, local=local)
-    candidate = SimpleNamespace(effect=effect, point=SimpleNamespace(signal=signal))
+    candidate = SimpleNamespace(effect=effect)
     return SimpleNamespace(candidate=candidate, gain=gain, noise_gains=np.array([noise, noise]))
 
 
@@ -129,8 +130,13 @@ def test_replacements_are_fitted_beside_the_others():
     assert "relative" in fitted_names([*many, score("relative", 400.0, 1.0, place=forward_selection.REPLACED)])
 
 
+def key(name, variant="", before="lag.u"):
+    effect, point = SimpleNamespace(name=name, variant=variant), SimpleNamespace(after="", before=before)
+    return Candidate(effect, point, name, None, None).key
+
+
 def test_a_candidate_is_known_by_its_effect_variant_and_place():
-    known = score("dead_zone", 1.0, 0.0, variant="drive", signal="u")
-    assert candidate_fits.is_of(known, score("dead_zone", 5.0, 0.0, variant="drive", signal="u"))
-    assert not candidate_fits.is_of(known, score("dead_zone", 5.0, 0.0, variant="drive"))
-    assert not candidate_fits.is_of(known, score("dead_zone", 5.0, 0.0, signal="u"))
+    known = key("dead_zone", "drive", "valve.u")
+    assert known == key("dead_zone", "drive", "valve.u")
+    assert known != key("dead_zone", "drive")
+    assert known != key("dead_zone", before="valve.u")

@@ -479,7 +479,7 @@ def feedback():
 
 @mistake(
     NotFinite,
-    "experiment 'rig' cannot be simulated: i.integral = -inf at t = 0.79 s: a state of i (Integrator) diverges. One step before: i.integral = -3.46894e+302. The loop may be unstable, or the step too long for it; try a smaller step. In rig the samples are 0.01 s apart, and the slowest time constant of the model is 0.0005 s. If its times are in ms, give the unit: map={'t [ms]': 't'}, or --map 't [ms]=t'.",
+    "experiment 'rig' cannot be simulated: i.integral = -inf at t = 0.79 s: a state of i (Integrator) diverges. One step before: i.integral = -3.46894e+302. The loop may be unstable, or the step too long for it; try a smaller step.",
 )
 def a_start_from_which_the_simulation_runs_away():
     fit(uy(), feedback(), start={"k.gain": -2000.0}, starts=1, step=0.01)

@@ -27,7 +27,7 @@ UPDATE_INTERVAL = 0.05
 FIRST_LINE_AFTER = 10.0
 """Time [s] of work before the first line of progress in a file. Chosen: short work has no lines."""
 LINE_INTERVAL = 60.0
-"""Time [s] between two lines of one stage. Chosen: it shows that work goes on."""
+"""Time [s] between two lines of one stage. Chosen: it shows that the work continues."""
 SHORTEST_SHOWN = 1.0
 """Time [s] from which the rest of some work is estimated. Chosen: less says little of what follows."""
 OUTPUT = "standard output"

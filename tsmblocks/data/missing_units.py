@@ -35,9 +35,18 @@ def assumed_units(record: Record, wanted: Mapping[str, str]) -> list[str]:
 
 def likely_unit(unit: str) -> str:
     """A unit in which a signal that a model takes in ``unit`` may be recorded instead: ``deg`` for ``rad``, ``mm``."""
-    if "rad" in unit:
-        return unit.replace("rad", "deg")
-    return next((k for k in (f"m{unit}", f"k{unit}") if units.is_unit(k)), unit)
+    return next(iter(other_units(unit)), unit)
+
+
+def other_units(unit: str) -> list[str]:
+    """Units of the same quantity in which a signal may be recorded instead, the likeliest first."""
+    if not units.is_unit(unit):
+        return []
+    made = [unit.replace("rad", "deg")] if "rad" in unit else []
+    made += [f"{prefix}{unit}" for prefix in "mkuM"]
+    made += ["rpm"] if units.same(unit, "rad/s") else []
+    known = (k for k in made if k != unit and units.is_unit(k))
+    return [k for k in known if units.parse(k).dimension == units.parse(unit).dimension]
 
 
 def as_argument(names: Sequence[str]) -> str:

@@ -42,13 +42,6 @@ def at_sufficient_step(
     return one
 
 
-def is_of(known: FittedCandidate, score: ScreeningScore) -> bool:
-    """Whether a candidate is the same variant of an effect at the same place as one that was named."""
-    one, other = known.candidate, score.candidate
-    same = (one.effect.name, one.effect.variant) == (other.effect.name, other.effect.variant)
-    return same and one.point.signal == other.point.signal
-
-
 def known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:
     """The start of a candidate's fit at the parameters of the same effect in a model with other effects, if known."""
     if known is None or known.candidate.effect.name != score.candidate.effect.name:

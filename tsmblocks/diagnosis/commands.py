@@ -19,8 +19,8 @@ from tsmblocks.fitting.held_inputs import CLEAR, MAX_DISTANCE, Alternative, alte
 from tsmblocks.fitting.setup import Setup
 
 ROUGH_DISTANCE = 0.7
-"""The same beside a base that may be far from its best parameters, whose share is of first order only: the base is then
-fitted with the alternative, which is kept where the outputs do not ask for the way back. Chosen."""
+"""Distance from 1 of the share of an alternative up to which a base is fitted with it, to see whether it is right: the
+share is of first order, and the base may be far from its best parameters. Chosen."""
 
 
 @attrs.frozen
@@ -72,7 +72,7 @@ def found_commands(
     """The inputs of a model that its outputs show to be commands, of the alternatives the one with the least residual.
 
     ``raw`` are the recordings (or their pieces) before filtering, ``filtered`` the inputs whose noise was filtered out,
-    and ``may_be_held`` those whose hold was not given. The share of an alternative is 1 up to ``distance``.
+    and ``may_be_held`` those whose hold was not given. The share of an alternative is within ``distance`` of 1.
     """
     found = Commands()
     for name in model.diagram.inputs:
@@ -92,10 +92,10 @@ def confirmed(model: Model, before: Setup) -> bool:
     the setup without them.
     """
     made = attrs.evolve(model.problem, experiments=before.experiments)
-    if made.samples != model.problem.samples:
-        return True
+    if made.samples != model.problem.samples or len(made.experiments) != len(model.problem.experiments):
+        return True  # its pieces are others
     one = _beside(model, made.residuals(model.theta))
-    return one is None or one.clear == 0 or abs(one.share) <= MAX_DISTANCE or abs(one.clear) < CLEAR
+    return one is None or abs(one.share) <= MAX_DISTANCE or abs(one.clear) < CLEAR
 
 
 def _beside(model: Model, other: np.ndarray | None) -> Alternative | None:

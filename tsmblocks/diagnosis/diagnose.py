@@ -1,7 +1,7 @@
 """``diagnose``: find where a model and recordings disagree, name the unmodelled effect, add it, validate held out.
 
-For each part of the diagram (``_diagnosed``): filter the noise of inputs, estimate the noise floor, fit the base,
-search for effects round by round, exchange early choices, and refine the step.
+For each part of the diagram (``_diagnosed``): filter the noise of inputs, estimate the noise floor, fit the base
+(``preparation``), search for effects round by round, exchange early choices, and refine the step.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.base_search import better_base
-from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, is_of, known_starts
+from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, known_starts
 from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
 from tsmblocks.diagnosis.commands import OtherCommands
 from tsmblocks.diagnosis.critical_gains import critical_gains, critical_ratios, is_of_time
@@ -95,7 +95,7 @@ def search_round(
     chosen = _worth_fitting(scores, model, search)
     known = found_in.verdict.named if found_in else None
     if known is not None:  # it may seem small beside the others until it is fitted
-        chosen += [one for one in scores if one not in chosen and is_of(known, one)]
+        chosen += [one for one in scores if one not in chosen and one.candidate.key == known.candidate.key]
     models = []
     for k, one in enumerate(chosen):
         search.progress("fitted", k, len(chosen))
@@ -179,13 +179,14 @@ def _various(scores: Sequence[ScreeningScore]) -> list[ScreeningScore]:
     """The candidates that exceed most what they reach in noise, no more than a few variants of one effect if there are
     others: what has a value in each recording reaches much in anything, and would leave no room for other effects.
     """
-    ordered, counts = sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain), Counter[object]()
+    counts, local = Counter[str](), 0
     first, others = list[ScreeningScore](), list[ScreeningScore]()
-    for one in ordered:
+    for one in sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain):
         effect = one.candidate.effect
-        kinds = ((effect.name, MAX_FITTED_VARIANTS), *([(True, MAX_FITTED_LOCAL)] if effect.local else []))
-        counts.update(kind for kind, _ in kinds)
-        (first if all(counts[kind] <= most for kind, most in kinds) else others).append(one)
+        counts[effect.name] += 1
+        local += bool(effect.local)
+        few = counts[effect.name] <= MAX_FITTED_VARIANTS and not (effect.local and local > MAX_FITTED_LOCAL)
+        (first if few else others).append(one)
     return [*first, *others][:MAX_FITTED_CANDIDATES]
 
 

@@ -60,17 +60,10 @@ class Prepared:
 
     def commands_of(self, model: Model, distance: float = MAX_DISTANCE) -> Commands:
         """The inputs that the outputs show to be commands, beyond those that are known."""
-        given = hold_of_each(self.request.settings.restricted_to(self.part.diagram, (), {}).hold, self._inputs)
-        measured = self.part.cut  # outputs of another part, which are no commands
-        may_be_held = {
-            k for k, hold in given.items() if hold == AUTO and k not in self.commands.held and k not in measured
-        }
-        return found_commands(model, self.raw, [k for k in self.filtered if k not in measured], may_be_held, distance)
-
-    @property
-    def _inputs(self) -> tuple[str, ...]:
-        """The inputs of the part."""
-        return tuple(self.part.diagram.inputs)
+        request = self.request  # inputs of the whole diagram: those that join two parts were measured
+        given = hold_of_each(request.settings.hold, list(request.diagram.inports))
+        may_be_held = {k for k, hold in given.items() if hold == AUTO and k not in self.commands.held}
+        return found_commands(model, self.raw, given.keys() & self.filtered, may_be_held, distance)
 
     @property
     def error(self) -> float:
@@ -81,7 +74,7 @@ class Prepared:
 
 def prepared(part: Part, request: Request, progress: ProgressCallback, commands: Commands = NO_COMMANDS) -> Prepared:
     """The recordings prepared and the base fitted; ``commands`` are those that are known already."""
-    found = _as_told(part, request, progress, commands)
+    found = _with_commands(part, request, progress, commands)
     if not (more := found.commands_of(found.base, ROUGH_DISTANCE)):
         return found
     other = prepared(part, request, progress, commands.joined(more))
@@ -90,7 +83,7 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
     return other if kept else found
 
 
-def _as_told(part: Part, request: Request, progress: ProgressCallback, commands: Commands) -> Prepared:
+def _with_commands(part: Part, request: Request, progress: ProgressCallback, commands: Commands) -> Prepared:
     """The recordings prepared and the base fitted, with no other commands than these."""
     notes = [f"{part.name}: {text}" for text in commands.notes]
     filtered = tuple(k for k in part.diagram.inputs if request.condition and k not in commands.exact)

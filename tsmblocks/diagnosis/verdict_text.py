@@ -287,11 +287,11 @@ def _reduction(segment: Segment) -> str:
     return f"{falls} (noise floor {floor}){by}.{others} {_remaining(segment, gap)}"
 
 
-def _other_outputs(segment: Segment, told: Gap) -> str:
+def _other_outputs(segment: Segment, reported: Gap) -> str:
     """A sentence on the errors of the other outputs that were above their noise floor."""
     found = list[str]()
     for gap in segment.gaps:
-        if gap is told or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
+        if gap is reported or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
             continue
         k, unit = display_unit(gap.unit)
         before, floor = digits(k * gap.held_out[0]), digits(k * gap.noise_floor)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -10,10 +10,9 @@ import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import TsmError
-from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.tables import listed
 from tsmblocks.data import Record
-from tsmblocks.data.missing_units import map_argument
+from tsmblocks.data.missing_units import map_argument, other_units
 from tsmblocks.fitting.divergence import growth_text
 from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.setup import Setup, set_up
@@ -53,21 +52,10 @@ def scale_notes(setup: Setup, growth: bool = True) -> list[str]:
     return [f"{listed(names, 4)}: {text}" for text, names in found.items()]
 
 
-def scale_notes_before(
-    diagram: Diagram,
-    records: Mapping[str, Record],
-    *,
-    outputs: Iterable[str] | None = None,
-    window: Any = None,
-    step: float | None = None,
-    integrator: str = "rk4",
-    hold: Hold = AUTO,
-    backend: str = "",
-) -> list[str]:
-    """The same before a fit, with the options of ``set_up``; none where the diagram cannot be simulated."""
+def scale_notes_before(diagram: Diagram, records: Mapping[str, Record], **options: Any) -> list[str]:
+    """The same before a fit, with the ``options`` of ``set_up``; none where the diagram cannot be simulated."""
     with suppress(TsmError):
-        options: Any = dict(outputs=outputs, window=window, step=step, integrator=integrator, hold=hold)
-        return scale_notes(set_up(diagram, records, backend=backend, **options))
+        return scale_notes(set_up(diagram, records, **options))
     return []
 
 
@@ -112,12 +100,7 @@ def _other_unit(unit: str, ratio: float) -> str:
     """The unit of which there are ``ratio`` in one of ``unit``; ``""`` where there is none, or the unit is right."""
     if not unit or not units.is_unit(unit) or not units.parse(unit).dimension:
         return ""
-    candidates = [f"{prefix}{unit}" for prefix in "mkuM"]
-    candidates += [unit.replace("rad", "deg")] if "rad" in unit else []
-    candidates += ["rpm"] if units.same(unit, "rad/s") else []
-    for other in candidates:
-        if other == unit or not units.is_unit(other) or units.parse(other).dimension != units.parse(unit).dimension:
-            continue
+    for other in other_units(unit):
         factor = units.factor(unit, other)
         most = OFF_OF_LARGE if not 1 / LARGE < factor < LARGE else OFF_OF_SMALL
         if factor != 1 and factor / most <= ratio <= factor * most:

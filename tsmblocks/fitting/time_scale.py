@@ -17,10 +17,14 @@ IN_MS = 1e-3
 
 
 def time_text(experiment: Experiment, p: np.ndarray) -> str:
-    """A sentence on times that make all dynamics of the model far too fast to be seen, or far too slow; else ``""``."""
-    rates = np.abs(poles(experiment.eq, p)) if len(experiment.eq.x) <= MOST_STATES else np.empty(0)
-    rates = rates[rates > STILL * rates.max(initial=0.0)]
-    if not len(rates):
+    """A sentence on times that make all dynamics of the model far too fast to be seen, or far too slow; else ``""``.
+
+    None on a model with a pole that grows: its parameters are in doubt and not the times.
+    """
+    values = poles(experiment.eq, p) if len(experiment.eq.x) <= MOST_STATES else np.empty(0)
+    largest = float(np.abs(values).max(initial=0.0))
+    rates = np.abs(values)[np.abs(values) > STILL * largest]
+    if not len(rates) or values.real.max() > STILL * largest:
         return ""
     fast, slow, t = 1 / rates.max(), 1 / rates.min(), experiment.record.t
     step, length = grid_step(t), float(t[-1] - t[0])

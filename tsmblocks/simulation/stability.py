@@ -138,7 +138,7 @@ def _growing_pole(eq: Equations, rule: Method, h: float, start: float, *bits: by
         return None
     values, vectors = np.linalg.eig(a)
     worst = _fastest_growing(values, rule, h)
-    return None if worst is None else (complex(values[worst]), eq.x[int(np.argmax(np.abs(vectors[:, worst])))])
+    return None if worst is None else (complex(values[worst]), _state_of(eq, vectors[:, worst]))
 
 
 def _fastest_growing(values: np.ndarray, rule: Method, h: float) -> int | None:
@@ -150,7 +150,7 @@ def _fastest_growing(values: np.ndarray, rule: Method, h: float) -> int | None:
 
 def poles(eq: Equations, p: np.ndarray) -> np.ndarray:
     """Poles of the equations at the initial states, with inputs of zero; none where they are not finite."""
-    a = _jacobian_at(eq, 0.0, np.inf, p, *_start_values(RunStart(eq, p), np.inf), whole=True)
+    a = _jacobian_at_start(eq, p)
     return np.linalg.eigvals(a) if a.size and np.isfinite(a).all() else np.empty(0)
 
 
@@ -161,12 +161,22 @@ def growing_pole(eq: Equations, p: np.ndarray) -> tuple[float, str] | None:
     """
     if not eq.x or len(eq.x) > MOST_STATES:
         return None
-    a = _jacobian_at(eq, 0.0, np.inf, p, *_start_values(RunStart(eq, p), np.inf), whole=True)
+    a = _jacobian_at_start(eq, p)
     if not np.isfinite(a).all():
         return None
     values, vectors = np.linalg.eig(a)
     k = int(np.argmax(values.real))
-    return (float(values[k].real), eq.x[int(np.argmax(np.abs(vectors[:, k])))]) if values[k].real > 0 else None
+    return (float(values[k].real), _state_of(eq, vectors[:, k])) if values[k].real > 0 else None
+
+
+def _state_of(eq: Equations, vector: np.ndarray) -> str:
+    """The state that takes part most in a mode, given its eigenvector."""
+    return eq.x[int(np.argmax(np.abs(vector)))]
+
+
+def _jacobian_at_start(eq: Equations, p: np.ndarray) -> np.ndarray:
+    """The Jacobian of the equations at the initial states, with inputs of zero, whatever their number."""
+    return _jacobian_at(eq, 0.0, np.inf, p, *_start_values(RunStart(eq, p), np.inf), whole=True)
 
 
 def _start_values(run: RunStart, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
