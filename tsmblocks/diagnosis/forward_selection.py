@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections import Counter
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import attrs
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, known_starts
-from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
+from tsmblocks.diagnosis.candidates import Candidate, candidates, replacement_candidates, wire_signals
 from tsmblocks.diagnosis.commands import OtherCommands
 from tsmblocks.diagnosis.critical_gains import critical_gains, critical_ratios, is_of_time
 from tsmblocks.diagnosis.decision import (
@@ -44,6 +45,7 @@ from tsmblocks.diagnosis.model import (
 )
 from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.oscillation import follows_motion, repeats_another
+from tsmblocks.diagnosis.own_parameters import at_own_parameters
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.diagnosis.screening_score import ScreeningScore
@@ -73,6 +75,8 @@ MIN_RELATIVE_SCORE = 0.15
 """Share of the best screening score from which a candidate is fitted. Chosen: for the run time."""
 MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
+MAX_FROM_OWN = 8
+"""Candidates fitted from the diagram's own parameters as well, at most. Chosen: for the run time."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 
@@ -80,6 +84,14 @@ MAX_BETTER_BASES = 2
 MIN_GAIN_BESIDE_MOTION = 2.0
 """Gain of an oscillation at a harmonic of the motion, over what is predicted from the motion, from which it is a
 disturbance all the same. Chosen: more than half of it is then no function of the motion."""
+
+
+class _Fit(NamedTuple):
+    """A candidate fitted, and the screening score by which it is judged."""
+
+    score: ScreeningScore
+    candidate: Candidate
+    model: Model
 
 
 def search_round(
@@ -92,18 +104,10 @@ def search_round(
     as there were reaches in noise.
     """
     scores = _screened(model, shrinkage, search)
-    chosen = _worth_fitting(scores, model, search)
     known = found_in.verdict.named if found_in else None
-    if known is not None:  # it may seem small beside the others until it is fitted
-        chosen += [one for one in scores if one not in chosen and one.candidate.key == known.candidate.key]
-    models = []
-    for k, one in enumerate(chosen):
-        search.progress("fitted", k, len(chosen))
-        starts = [*one.starts, *known_starts(one, known)]
-        ends = [optimized(one.problem, one.setup, start) for start in starts]
-        models.append(min(ends, key=lambda m: m.mean_square))
-    least = min((one.mean_square for one in models), default=0.0)
-    models = [refine_memories(m, 1) if m.mean_square <= MEMORY_SEARCH_RATIO * least else m for m in models]
+    fits = _fits(_chosen(scores, model, search, known), known, search)
+    if not shrinkage and (own := at_own_parameters(model)) is not None:
+        fits = _with_fits_from(own, fits, scores, search)
     multiplicity = critical_ratios(scores, square(model.r))
     if found_in is not None:
         multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}
@@ -111,22 +115,64 @@ def search_round(
     by_motion = functools.cache(lambda: _predicted_gain(model, search))
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
     base_loss = mean_loss(losses[0], search.blocks)
-    for score, m in zip(chosen, models, strict=True):
+    for score, candidate, m in _with_memories(fits):
         gain, untenable = (model.mean_square - m.mean_square) * len(model.r), ""
         if gain <= limits[score]:
             untenable = "noise alone can remove as much"
-        elif follows_motion(m, score.candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
+        elif follows_motion(m, candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
             untenable = "its frequency is that of the motion"
-        elif repeats_another(m, score.candidate):
+        elif repeats_another(m, candidate):
             untenable = "the same oscillation again"
-        elif filters_noise(m, score.candidate, search.input_noise):
+        elif filters_noise(m, candidate, search.input_noise):
             untenable = "removes noise of the input only"
-        found = fitted_candidate(score.candidate, m, search.blocks, shrinkage, untenable)
+        found = fitted_candidate(candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
     noise_variance = noise_beside(fitted, search.noise)
     verdict = decide(losses[0], fitted, search.blocks, noise_variance, search.settings.seed)
     verdict = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
     return SearchRound(model, *losses, tuple(scores), verdict, multiplicity=multiplicity)
+
+
+def _chosen(
+    scores: Sequence[ScreeningScore], model: Model, search: SearchContext, known: FittedCandidate | None
+) -> list[ScreeningScore]:
+    """The candidates that are fitted, with that which is ``known``: it may seem small until it is fitted."""
+    chosen = _worth_fitting(scores, model, search)
+    if known is not None:
+        chosen += [one for one in scores if one not in chosen and one.candidate.key == known.candidate.key]
+    return chosen
+
+
+def _fits(scores: Sequence[ScreeningScore], known: FittedCandidate | None, search: SearchContext) -> list[_Fit]:
+    """The candidates fitted from all their starting points."""
+    fits = []
+    for k, one in enumerate(scores):
+        search.progress("fitted", k, len(scores))
+        starts = [*one.starts, *known_starts(one, known)]
+        ends = [optimized(one.problem, one.setup, start) for start in starts]
+        fits.append(_Fit(one, one.candidate, min(ends, key=lambda m: m.mean_square)))
+    return fits
+
+
+def _with_fits_from(
+    own: Model, fits: Sequence[_Fit], scores: Sequence[ScreeningScore], search: SearchContext
+) -> list[_Fit]:
+    """The fits, of each candidate the better one, and those that begin at another base without effects, ``own``."""
+    there = _worth_fitting(_screened(own, {}, search), own, search)[:MAX_FROM_OWN]
+    known, best = {one.candidate.key: one for one in scores}, {one.score.candidate.key: one for one in fits}
+    for one in _fits([k for k in there if k.candidate.key in known], None, search):
+        key = one.candidate.key
+        if key not in best or one.model.mean_square < best[key].model.mean_square:
+            best[key] = one._replace(score=known[key])
+    return list(best.values())
+
+
+def _with_memories(fits: Sequence[_Fit]) -> list[_Fit]:
+    """The fits, the memories of the best searched again."""
+    least = MEMORY_SEARCH_RATIO * min((one.model.mean_square for one in fits), default=0.0)
+    return [
+        one._replace(model=refine_memories(one.model, 1)) if one.model.mean_square <= least else one for one in fits
+    ]
 
 
 def closing_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:

@@ -18,8 +18,8 @@ from tsmblocks.model.wires import Link
 from tsmblocks.simulation.compiled import equations, parameter_vector
 
 SHORTEST_PIECE = 1.0
-"""Length [s] of the shortest pieces of an experiment. Source: the method's prototype; over longer ones large errors of
-an integrating plant grow and mask their cause."""
+"""Length [s] of the shortest pieces of an experiment, but for rough models. Source: the method's prototype; over longer
+ones large errors of an integrating plant grow and mask their cause."""
 PIECE_RATIO = 4.0
 """Length of pieces over that of the next shorter ones that are tried. Chosen: for the run time."""
 MAX_GROWN_ERROR = 10.0
@@ -35,6 +35,10 @@ MIN_PIECE_SAMPLES = 100
 LASTING_MEMORY_SHARE = 0.3
 """Share of the first influence of an initial state that remains at the end of an experiment with lasting memory.
 Chosen: 0 for stable plants, 1 for integrating ones."""
+ROUGH_ERROR = 1e4
+"""Mean square [noise variances] of a base from which it is rough: its parameters say little, and shorter pieces are
+taken. Chosen: an error of 100 times the noise is that of another mechanism; an inertia that is fitted without a large
+friction is several times too large."""
 PIECE_SEPARATOR = "#"
 """Between the name of an experiment and the number of its piece."""
 
@@ -163,10 +167,13 @@ def within_windows(records: Mapping[str, Record], windows: Mapping[str, Window] 
 
 
 def piece_lengths(records: Mapping[str, Record]) -> list[float]:
-    """Lengths [s] of pieces to try, from the longest that cuts an experiment to the shortest."""
+    """Lengths [s] of pieces to try, from the longest that cuts an experiment to the shortest for rough models."""
     longest, lengths = max(float(r.t[-1] - r.t[0]) for r in records.values()), [SHORTEST_PIECE]
+    shortest = MIN_PIECE_SAMPLES * max(r.step for r in records.values())
     while lengths[-1] * PIECE_RATIO < longest / 2:
         lengths.append(lengths[-1] * PIECE_RATIO)
+    while lengths[0] / PIECE_RATIO >= shortest:
+        lengths.insert(0, lengths[0] / PIECE_RATIO)
     return lengths[::-1]
 
 

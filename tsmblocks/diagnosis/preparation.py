@@ -17,6 +17,8 @@ from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, ca
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors
 from tsmblocks.diagnosis.partition import (
     MAX_GROWN_ERROR,
+    ROUGH_ERROR,
+    SHORTEST_PIECE,
     Part,
     has_lasting_memory,
     piece_lengths,
@@ -131,17 +133,21 @@ def _piece_length(
     """How long [s] the simulation runs until it restarts, None for whole recordings.
 
     Where the plant integrates, errors grow with time: the longest pieces are taken in which those of the base do not
-    exceed ``MAX_GROWN_ERROR``, since each restart has initial states that absorb small and slow errors.
+    exceed ``MAX_GROWN_ERROR``, since each restart has initial states that absorb small and slow errors. Pieces below
+    ``SHORTEST_PIECE`` are for bases that are rough in those.
     """
     if not has_lasting_memory(part.diagram, records, settings):
         return None
-    whole, delay = within_windows(records, settings.window), total_delay(part.diagram)
+    whole, delay, error = within_windows(records, settings.window), total_delay(part.diagram), math.inf
     lengths = [None, *piece_lengths(whole)]
     for length in lengths[:-1]:
+        shortest = length is not None and length <= SHORTEST_PIECE
+        if shortest and error <= ROUGH_ERROR:
+            return length
         some, windows = (records, settings.window) if length is None else split_into_pieces(whole, delay, length)
         tried = attrs.evolve(settings, window=windows)
-        model = calibrate(part.diagram, some, tried, lambda *_: progress("calibrated", 0, 1))
-        if model.mean_square <= MAX_GROWN_ERROR:
+        error = calibrate(part.diagram, some, tried, lambda *_: progress("calibrated", 0, 1)).mean_square
+        if error <= (ROUGH_ERROR if shortest else MAX_GROWN_ERROR):
             return length
     return lengths[-1]
 
