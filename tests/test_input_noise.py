@@ -55,3 +55,11 @@ def test_noise_that_moves_the_width_of_a_play_out_of_its_interval_is_reported():
 )
 def test_what_moves_no_parameter_needs_no_word(block, noise, x):
     assert noted(block, recorded(block, noise, x)) == []
+
+
+def test_the_fast_part_of_a_command_is_no_noise_of_it():
+    """It drives the outputs: filtering takes something from them. A controller makes it of the noise of a sensor."""
+    block = Play(half_width=1.5, gain=0.8)
+    command = X + 0.05 * np.random.default_rng(1).standard_normal(len(T))
+    exact = recorded(block, 0.0, command)
+    assert noted(block, exact) == []

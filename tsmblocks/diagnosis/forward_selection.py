@@ -75,8 +75,11 @@ MIN_RELATIVE_SCORE = 0.15
 """Share of the best screening score from which a candidate is fitted. Chosen: for the run time."""
 MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
-MAX_FROM_OWN = 8
-"""Candidates fitted from the diagram's own parameters as well, at most. Chosen: for the run time."""
+MAX_ROUGH_FITS = 8
+"""Candidates fitted from a rough base, and from the diagram's own parameters, at most. Chosen: for the run time."""
+MAX_ROUGH_RATIO = 4.0
+"""Mean square [that of the best candidate] up to which a fit beside a rough base goes on with finite differences.
+Chosen: these remove about half at most."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 
@@ -105,9 +108,9 @@ def search_round(
     """
     scores = _screened(model, shrinkage, search)
     known = found_in.verdict.named if found_in else None
-    fits = _fits(_chosen(scores, model, search, known), known, search)
-    if not shrinkage and (own := at_own_parameters(model)) is not None:
-        fits = _with_fits_from(own, fits, scores, search)
+    own = None if shrinkage else at_own_parameters(model)
+    chosen = _chosen(scores, model, search, known)
+    fits = _fits(chosen, known, search) if own is None else _rough_fits(scores, chosen, own, search)
     multiplicity = critical_ratios(scores, square(model.r))
     if found_in is not None:
         multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}
@@ -143,28 +146,40 @@ def _chosen(
     return chosen
 
 
-def _fits(scores: Sequence[ScreeningScore], known: FittedCandidate | None, search: SearchContext) -> list[_Fit]:
-    """The candidates fitted from all their starting points."""
+def _fits(
+    scores: Sequence[ScreeningScore], known: FittedCandidate | None, search: SearchContext, coarse: bool = True
+) -> list[_Fit]:
+    """The candidates fitted from all their starting points; ``coarse`` allows finite differences."""
     fits = []
     for k, one in enumerate(scores):
         search.progress("fitted", k, len(scores))
         starts = [*one.starts, *known_starts(one, known)]
-        ends = [optimized(one.problem, one.setup, start) for start in starts]
+        ends = [optimized(one.problem, one.setup, start, coarse=coarse) for start in starts]
         fits.append(_Fit(one, one.candidate, min(ends, key=lambda m: m.mean_square)))
     return fits
 
 
-def _with_fits_from(
-    own: Model, fits: Sequence[_Fit], scores: Sequence[ScreeningScore], search: SearchContext
+def _rough_fits(
+    scores: Sequence[ScreeningScore], chosen: Sequence[ScreeningScore], own: Model, search: SearchContext
 ) -> list[_Fit]:
-    """The fits, of each candidate the better one, and those that begin at another base without effects, ``own``."""
-    there = _worth_fitting(_screened(own, {}, search), own, search)[:MAX_FROM_OWN]
-    known, best = {one.candidate.key: one for one in scores}, {one.score.candidate.key: one for one in fits}
-    for one in _fits([k for k in there if k.candidate.key in known], None, search):
+    """The fits beside a rough base: of each candidate the better of that from the base and that from ``own``.
+
+    Finite differences take most of the time beside large errors, so that they are left to the best.
+    """
+    known, best = {one.candidate.key: one for one in scores}, dict[tuple[str, str, str], _Fit]()
+    there = [k for k in _worth_fitting(_screened(own, {}, search), own, search) if k.candidate.key in known]
+    for one in _fits([*there[:MAX_ROUGH_FITS], *chosen[:MAX_ROUGH_FITS]], None, search, coarse=False):
         key = one.candidate.key
         if key not in best or one.model.mean_square < best[key].model.mean_square:
             best[key] = one._replace(score=known[key])
-    return list(best.values())
+    fits = sorted(best.values(), key=lambda one: one.model.mean_square)
+    most = MAX_ROUGH_RATIO * fits[0].model.mean_square if fits else 0.0
+    return [
+        one._replace(model=optimized(one.model.problem, one.model.setup, one.model.theta))
+        if one.model.mean_square <= most
+        else one
+        for one in fits
+    ]
 
 
 def _with_memories(fits: Sequence[_Fit]) -> list[_Fit]:

@@ -98,6 +98,7 @@ def _segment(s: Segment) -> dict[str, Any]:
         "effects_tried": len(s.effects_tried),
         "numbers": [] if s.fit is None else [e.to_dict() for e in s.fit],
         "cautions": s.cautions,
+        "parameters_in_doubt": s.in_doubt,
         "ceiling": s.ceiling,
         "gaps": [_gap(g) for g in s.gaps],
         "where": s.where,

@@ -194,7 +194,8 @@ class Segment:
     what was recorded; ``varies_with`` is the coordinate to which it is proportional by a factor that varies,
     if it is.
     ``largest_noise`` is the largest rms noise of each output that is plausible; ``filtered`` are the inputs out of
-    which noise was filtered. ``augmented`` is the diagram of the last model, ``simulated`` how it was simulated.
+    which noise was filtered. ``augmented`` is the diagram of the last model, ``simulated`` how it was simulated;
+    ``in_doubt`` are its parameters that compensate for what is missing, with fitted and given values.
     """
 
     name: str
@@ -220,6 +221,7 @@ class Segment:
     filtered: tuple[str, ...] = ()
     augmented: Diagram | None = attrs.field(default=None, repr=False)
     simulated: Simulated | None = attrs.field(default=None, repr=False)
+    in_doubt: tuple[str, ...] = ()
 
     @property
     def effects_tried(self) -> tuple[str, ...]:

@@ -39,11 +39,14 @@ def verdict_sentence(segment: Segment) -> str:
         possible = _also_possible(segment)
         first = "" if segment.complete else "The named effects do not explain the whole residual. "
         possible += _nearly_as_good(segment) + _other_places(segment.effects)
-        return f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{ahead}"
+        doubt = _in_doubt(segment)
+        return (
+            f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{doubt}{ahead}"
+        )
     if segment.verdict == "unknown":
         return (
             f"Unmodelled effect {between} that {_none_tried(segment)}: {_best(segment)}. {_shape(segment)} "
-            f"{_error(segment)}{ahead}"
+            f"{_error(segment)}{_in_doubt(segment)}{ahead}"
         )
     weak = (
         " There is a small error above the noise floor, too small to name an effect with these data."
@@ -327,6 +330,17 @@ def _remaining(segment: Segment, gap: Gap) -> str:
 
 def _rms(value: float, unit: str) -> str:
     return " ".join(filter(None, (digits(value), unit, "rms")))
+
+
+def _in_doubt(segment: Segment) -> str:
+    """A sentence on parameters that were fitted far from the diagram's, beside a large error that is left."""
+    if not segment.in_doubt:
+        return ""
+    verb, them = ("was", "it compensates") if len(segment.in_doubt) == 1 else ("were", "they compensate")
+    return (
+        f" Beside this error, {listed(segment.in_doubt, 4)} {verb} fitted far from the diagram: {them} for what is "
+        "missing, and so may the sizes reported."
+    )
 
 
 def _error(segment: Segment) -> str:

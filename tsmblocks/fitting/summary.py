@@ -13,8 +13,9 @@ from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.above_noise import is_far, material_residuals, output_noise
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
-from tsmblocks.fitting.held_inputs import held_input_notes
+from tsmblocks.fitting.held_inputs import alternative, held_input_notes
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, Undetermined, sizes, undetermined
+from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.input_checks import runs_ahead
 from tsmblocks.fitting.input_noise import filtered_problem, input_noise_note
 from tsmblocks.fitting.jacobian import Jacobian
@@ -40,6 +41,9 @@ FEW_PER_PARAMETER = 3
 """Samples of all outputs for each parameter below which they are few. Chosen: the noise is then known to a fifth."""
 NEXT_TO_NOTHING = 1.0
 """Explained variation [%] up to which a diagram explains hardly more than a constant. Chosen."""
+DRIVES = 1.02
+"""Mean square with filtered inputs over that without, above which their fast part drives the outputs, as that of a
+command does, and is no noise. Chosen: filtering of noise never adds as much."""
 SAME = 1.0
 """Costs that differ by less than this many variances of a sample belong to one optimum. Chosen."""
 
@@ -182,7 +186,12 @@ def _input_noise_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str
     if any(rough_inputs(one.record, one.eq) for one in setup.experiments):
         return []
     filtered, inputs = filtered_problem(problem, setup)
-    return input_noise_note(problem.unknowns.names, _moved(at, filtered), inputs, COVERED) if inputs else []
+    if not inputs:
+        return []
+    other = alternative(at.jacobian, at.residuals, filtered.residuals(at.theta), problem.segments, at.rows)
+    if other is not None and other.rest > DRIVES * square(at.residuals):  # a command
+        return []
+    return input_noise_note(problem.unknowns.names, _moved(at, filtered), inputs, COVERED)
 
 
 def _held_input_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:

@@ -1,0 +1,31 @@
+"""A second starting point of a search: the diagram's own parameters, where the base is far from the measurements."""
+
+from __future__ import annotations
+
+import attrs
+import numpy as np
+
+from tsmblocks.diagnosis.model import Model, model_at, optimized
+from tsmblocks.diagnosis.partition import ROUGH_ERROR
+from tsmblocks.fitting.optimizer import OptimizerResult
+
+
+def at_own_parameters(model: Model) -> Model | None:
+    """A base with the parameters of the diagram, of which initial states alone are fitted.
+
+    None where the base is not rough, or the parameters of the diagram do not simulate. Parameters that were
+    fitted without a large effect compensate for it, and from those no fit with the effect may arrive at its optimum.
+    """
+    if model.mean_square <= ROUGH_ERROR:
+        return None
+    unknowns = model.problem.unknowns
+    items = [one if one.experiment else attrs.evolve(one, low=one.start, high=one.start) for one in unknowns.items]
+    fixed = attrs.evolve(model.problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
+    starts = (unknowns.start, np.where(unknowns.is_local, model.theta, unknowns.start))
+    costs = [model.problem.cost(start) for start in starts]
+    best = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
+    if not np.isfinite(costs[best]):
+        return None
+    theta = optimized(fixed, model.setup, starts[best]).theta
+    end = OptimizerResult(theta, model.problem.cost(theta), "converged", 0, 0)
+    return model_at(model.problem, model.setup, end)
