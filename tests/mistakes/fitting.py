@@ -507,7 +507,7 @@ class Root(Block):
 
 @mistake(
     RunError,
-    "the search ended where the derivative of the outputs with respect to root.k is not finite, as for a square root at zero. Start elsewhere, or exclude this value by a bound.",
+    "the search ended where the derivative of the outputs with respect to root.k is not finite, as for a square root at zero, or for friction that changes within a step. Start elsewhere, exclude this value by a bound, or give a smaller step.",
 )
 def an_end_at_an_infinite_slope():
     fit(uy(y=0 * U), of(root=Root()), starts=1)

@@ -72,11 +72,13 @@ def summarise(
 
     ``known`` is the uncertainty that it reports; by default that of a fit whose active bounds are held.
     """
+    left_out, residuals, jacobian = _first_with_derivatives(problem, searches)
+    searches = [searches[left_out], *searches[:left_out], *searches[left_out + 1 :]]
     best, unknowns = searches[0], problem.unknowns
     differences = simulated_differences(
         setup, [unknowns.parameters(best.theta, e) for e in range(len(setup.experiments))]
     )
-    optimum = _optimum(problem, best, known)
+    optimum = _optimum(problem, best, residuals, jacobian, known)
     diagrams = {name: _fitted(setup.diagram, problem, best.theta, e) for e, name in enumerate(unknowns.experiments)}
     simulation = simulated_as(setup, [_starts_of(problem, setup, best.theta, e) for e in range(len(diagrams))])
     diagrams = {name: diagram.with_simulation(simulation) for name, diagram in diagrams.items()}
@@ -99,6 +101,7 @@ def summarise(
         records={experiment.name: experiment.record for experiment in setup.experiments},
         notes=(
             *setup.notes,
+            *_left_out_notes(left_out, len(searches)),
             *_few_samples_notes(problem),
             *limit_note(problem, optimum.theta),
             *_step_notes(problem, setup, optimum),
@@ -112,6 +115,14 @@ def summarise(
     )
 
 
+def _left_out_notes(left_out: int, count: int) -> list[str]:
+    """A note where searches ended lower than the best of those that have derivatives there."""
+    return [
+        f"{left_out} of {count} searches ended at a lower residual, but where the outputs have no finite derivatives, "
+        "as for friction that changes within a step: give a smaller step."
+    ] * bool(left_out)
+
+
 def _starts_of(problem: Problem, setup: Setup, theta: np.ndarray, e: int) -> dict[str, float]:
     """Initial states of experiment ``e`` alone: found, or given by the diagram's file."""
     unknowns, known = problem.unknowns, numbers(setup.diagram)
@@ -123,17 +134,29 @@ def _starts_of(problem: Problem, setup: Setup, theta: np.ndarray, e: int) -> dic
     return own
 
 
-def _optimum(problem: Problem, best: OptimizerResult, known: Uncertainty | None = None) -> _Optimum:
-    """What is known where the best search ended."""
+def _first_with_derivatives(problem: Problem, searches: list[OptimizerResult]) -> tuple[int, np.ndarray, Jacobian]:
+    """The first of the searches that ended where the outputs have derivatives; the residuals and these.
+
+    Raises RunError, naming a parameter, where none did.
+    """
+    steep = ""
+    for k, one in enumerate(searches):
+        residuals, jacobian = problem.jacobian(one.theta, one.difference_steps)
+        if jacobian.is_finite.all():
+            return k, residuals, jacobian
+        steep = steep or problem.unknowns.names[int(np.argmin(jacobian.is_finite))]
+    raise RunError(
+        f"the search ended where the derivative of the outputs with respect to {steep} is not finite, as for a "
+        "square root at zero, or for friction that changes within a step. Start elsewhere, exclude this value by a "
+        "bound, or give a smaller step."
+    )
+
+
+def _optimum(
+    problem: Problem, best: OptimizerResult, residuals: np.ndarray, jacobian: Jacobian, known: Uncertainty | None = None
+) -> _Optimum:
+    """What is known where the best search ended, with the residuals and derivatives there."""
     theta, unknowns = best.theta, problem.unknowns
-    residuals, jacobian = problem.jacobian(theta, best.difference_steps)
-    steep = ~jacobian.is_finite
-    if steep.any():
-        name = np.array(unknowns.names)[steep][0]
-        raise RunError(
-            f"the search ended where the derivative of the outputs with respect to {name} is not finite, as for a "
-            "square root at zero. Start elsewhere, or exclude this value by a bound."
-        )
     active, gradients = active_constraints(problem, theta)
     rows = gradients if len(gradients) else None
     prior = np.diag(problem.prior_derivatives(theta)[1]) if len(problem.priors.which) else None
