@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import attrs
 import numpy as np
@@ -77,9 +77,8 @@ MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
 MAX_ROUGH_FITS = 8
 """Candidates fitted from a rough base, and from the diagram's own parameters, at most. Chosen: for the run time."""
-MAX_ROUGH_RATIO = 4.0
-"""Mean square [that of the best candidate] up to which a fit beside a rough base goes on with finite differences.
-Chosen: these remove about half at most."""
+MAX_ROUGH_TRIALS, ROUGH_STEPS = 40, 5
+"""Candidates that take a few steps from the diagram's own parameters, at most, and how many. Chosen: run time."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 
@@ -147,14 +146,14 @@ def _chosen(
 
 
 def _fits(
-    scores: Sequence[ScreeningScore], known: FittedCandidate | None, search: SearchContext, coarse: bool = True
+    scores: Sequence[ScreeningScore], known: FittedCandidate | None, search: SearchContext, **options: Any
 ) -> list[_Fit]:
-    """The candidates fitted from all their starting points; ``coarse`` allows finite differences."""
+    """The candidates fitted from all their starting points, with the ``options`` of ``optimized``."""
     fits = []
     for k, one in enumerate(scores):
         search.progress("fitted", k, len(scores))
         starts = [*one.starts, *known_starts(one, known)]
-        ends = [optimized(one.problem, one.setup, start, coarse=coarse) for start in starts]
+        ends = [optimized(one.problem, one.setup, start, **options) for start in starts]
         fits.append(_Fit(one, one.candidate, min(ends, key=lambda m: m.mean_square)))
     return fits
 
@@ -164,22 +163,19 @@ def _rough_fits(
 ) -> list[_Fit]:
     """The fits beside a rough base: of each candidate the better of that from the base and that from ``own``.
 
-    Finite differences take most of the time beside large errors, so that they are left to the best.
+    Screening says little from ``own``, so that all candidates take a few steps, and the best of them the rest. Finite
+    differences take most of the time beside large errors: they lead to the optimum from ``own``, where dry friction is
+    far from its level, and are left out from the base.
     """
     known, best = {one.candidate.key: one for one in scores}, dict[tuple[str, str, str], _Fit]()
-    there = [k for k in _worth_fitting(_screened(own, {}, search), own, search) if k.candidate.key in known]
-    for one in _fits([*there[:MAX_ROUGH_FITS], *chosen[:MAX_ROUGH_FITS]], None, search, coarse=False):
+    there = [k for k in _various(_screened(own, {}, search)) if k.candidate.key in known][:MAX_ROUGH_TRIALS]
+    tried = _fits(there, None, search, coarse=False, iterations=ROUGH_STEPS)
+    there = [one.score for one in sorted(tried, key=lambda one: one.model.mean_square)[:MAX_ROUGH_FITS]]
+    for one in (*_fits(there, None, search), *_fits(chosen[:MAX_ROUGH_FITS], None, search, coarse=False)):
         key = one.candidate.key
         if key not in best or one.model.mean_square < best[key].model.mean_square:
             best[key] = one._replace(score=known[key])
-    fits = sorted(best.values(), key=lambda one: one.model.mean_square)
-    most = MAX_ROUGH_RATIO * fits[0].model.mean_square if fits else 0.0
-    return [
-        one._replace(model=optimized(one.model.problem, one.model.setup, one.model.theta))
-        if one.model.mean_square <= most
-        else one
-        for one in fits
-    ]
+    return list(best.values())
 
 
 def _with_memories(fits: Sequence[_Fit]) -> list[_Fit]:
@@ -225,30 +221,31 @@ def _screened(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list
 
 
 def _worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: SearchContext) -> list[ScreeningScore]:
-    """The best candidates: a few in any case, more where their score is near the best or could be material.
+    """The best candidates, by what exceeds noise: a few in any case, more where their score is near the best.
 
     Replacements are chosen in addition: they begin at no null, so that their score says less of what they reach.
     """
     best = scores[0].gain if scores else 0.0
     least = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
-    some = _various(scores)
+    some = _various(sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain))[:MAX_FITTED_CANDIDATES]
     chosen = [one for one in scores if one in some or one.candidate.effect.place == REPLACED]
     return [score for k, score in enumerate(chosen) if k < MIN_FITTED_CANDIDATES or score.gain > least]
 
 
 def _various(scores: Sequence[ScreeningScore]) -> list[ScreeningScore]:
-    """The candidates that exceed most what they reach in noise, no more than a few variants of one effect if there are
-    others: what has a value in each recording reaches much in anything, and would leave no room for other effects.
+    """The first candidates, no more than a few variants of one effect if there are others.
+
+    What has a value in each recording reaches much in anything, and would leave no room for other effects.
     """
     counts, local = Counter[str](), 0
     first, others = list[ScreeningScore](), list[ScreeningScore]()
-    for one in sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain):
+    for one in scores:
         effect = one.candidate.effect
         counts[effect.name] += 1
         local += bool(effect.local)
         few = counts[effect.name] <= MAX_FITTED_VARIANTS and not (effect.local and local > MAX_FITTED_LOCAL)
         (first if few else others).append(one)
-    return [*first, *others][:MAX_FITTED_CANDIDATES]
+    return [*first, *others]
 
 
 def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, rounds: list[SearchRound]) -> None:

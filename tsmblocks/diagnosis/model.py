@@ -311,11 +311,16 @@ def _initial_lists(diagram: Diagram) -> list[str]:
 
 
 def optimized(
-    problem: Problem, setup: Setup, start: np.ndarray, tolerance: float = COARSE_TOLERANCE, coarse: bool = True
+    problem: Problem,
+    setup: Setup,
+    start: np.ndarray,
+    tolerance: float = COARSE_TOLERANCE,
+    coarse: bool = True,
+    iterations: int = MAX_ITERATIONS,
 ) -> Model:
     """The model at the end of a Gauss-Newton optimisation from ``start``; ``coarse`` allows finite differences."""
     feasible = within_bounds(problem, start)
-    end = gauss_newton(problem, feasible, iterations=MAX_ITERATIONS, tolerance=tolerance, coarse=coarse)
+    end = gauss_newton(problem, feasible, iterations=iterations, tolerance=tolerance, coarse=coarse)
     return model_at(problem, setup, end)
 
 

@@ -10,7 +10,6 @@ from tsmblocks.diagnosis.partition import ROUGH_ERROR
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.parameter_vector import Unknown
 
-
 HELD_WITHIN = 1e-9
 """Relative half width of the bounds of a parameter that is held. Chosen: no output changes by as much as its noise."""
 
