@@ -22,6 +22,9 @@ Calibrated on tests/benchmarks/hidden.py."""
 MIN_SHARE_OF_REMOVED = 0.15
 """Share of all that was removed below which a further effect is taken for an error of form of the effects before.
 Chosen: catalogue blocks and real effects differ in form by about as much."""
+MIN_SHARE_BESIDE = 1e-3
+"""Share of all that was removed below which that holds however large it is beside the noise. Chosen: the smoothed sign
+of a friction leaves more of a mechanism that sticks, where the noise is a hundred thousandth of the motion."""
 CLEAR_SIGNIFICANCE = 2.0
 """t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
 Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
@@ -33,7 +36,7 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     The first one is accepted if it removes ``MIN_EXCESS_SHARE`` of the excess; where none does, several are that
     together remove ``MIN_JOINT_SHARE``. A further one is accepted if it removes a material share of the remaining
     excess and is no mere error of form of those before: such errors are small beside the noise and beside what was
-    removed, and depend on the motion where those before do, or on time. One that leaves noise only is accepted all the
+    removed, or next to nothing beside that, and depend on the motion where those before do, or on time. One that leaves noise only is accepted all the
     same where it is clearly significant and no second effect of the same name. Several further ones are accepted that
     together remove ``MIN_JOINT_SHARE`` of what remained, and more than errors of form do.
 
@@ -56,6 +59,7 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             count = k if first or joint_share >= MIN_JOINT_SHARE else count
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
             small = removed < MIN_SHARE_OF_REMOVED * (before - losses[k])
+            large = large and removed >= MIN_SHARE_BESIDE * (before - losses[k])
             complete = share_of_rest >= MIN_JOINT_SHARE
             count = k if large or not (small and _is_error_of_form(rounds, k - 1, complete)) else count
         elif count < k - 1:  # with those in between that were not accepted alone

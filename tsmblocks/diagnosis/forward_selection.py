@@ -46,6 +46,7 @@ from tsmblocks.diagnosis.model import (
 from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.oscillation import follows_motion, repeats_another
 from tsmblocks.diagnosis.own_parameters import at_own_parameters
+from tsmblocks.diagnosis.partition import ROUGH_ERROR
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.diagnosis.screening_score import ScreeningScore
@@ -79,6 +80,9 @@ MAX_ROUGH_FITS = 8
 """Candidates fitted from a rough base, and from the diagram's own parameters, at most. Chosen: for the run time."""
 MAX_ROUGH_TRIALS, ROUGH_STEPS = 40, 5
 """Candidates that take a few steps from the diagram's own parameters, at most, and how many. Chosen: run time."""
+LEAST_IMPROVEMENT = 0.9
+"""Mean square after an optimisation beside a rough residual over that before, up to which it is repeated. Chosen: dry
+friction has many small steps downhill."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 
@@ -292,8 +296,13 @@ def _next_round(model: Model, shrinkage: Shrinkage, search: SearchContext, round
 
 def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:
     """The base of the next round, and the shrinkage of the effects in it."""
-    model = with_accurate_step(with_sufficient_step(converged(named.model), settings), settings)
-    return nearest(refine_memories(model)), {**shrinkage, **shrinkage_of(named.candidate)}
+    model, error = named.model, np.inf
+    while model.mean_square < LEAST_IMPROVEMENT * error:
+        error = model.mean_square
+        model = refine_memories(with_accurate_step(with_sufficient_step(converged(model), settings), settings))
+        if error <= ROUGH_ERROR:
+            break
+    return nearest(model), {**shrinkage, **shrinkage_of(named.candidate)}
 
 
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
