@@ -36,9 +36,9 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     The first one is accepted if it removes ``MIN_EXCESS_SHARE`` of the excess; where none does, several are that
     together remove ``MIN_JOINT_SHARE``. A further one is accepted if it removes a material share of the remaining
     excess and is no mere error of form of those before: such errors are small beside the noise and beside what was
-    removed, or next to nothing beside that, and depend on the motion where those before do, or on time. One that leaves noise only is accepted all the
-    same where it is clearly significant and no second effect of the same name. Several further ones are accepted that
-    together remove ``MIN_JOINT_SHARE`` of what remained, and more than errors of form do.
+    removed, or next to nothing beside that, and depend on the motion where those before do, or on time. One that leaves
+    noise only is accepted all the same where it is clearly significant and no second effect of the same name. Several
+    further ones are accepted that together remove ``MIN_JOINT_SHARE`` of what remained, more than errors of form do.
 
     None are accepted that leave more than a candidate at a disqualifying bound would.
     """

@@ -78,7 +78,7 @@ MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
 MAX_ROUGH_FITS = 8
 """Candidates fitted from a rough base, and from the diagram's own parameters, at most. Chosen: for the run time."""
-MAX_ROUGH_TRIALS, ROUGH_STEPS = 40, 5
+MAX_ROUGH_TRIALS, ROUGH_STEPS = 24, 12
 """Candidates that take a few steps from the diagram's own parameters, at most, and how many. Chosen: run time."""
 LEAST_IMPROVEMENT = 0.9
 """Mean square after an optimisation beside a rough residual over that before, up to which it is repeated. Chosen: dry
@@ -173,13 +173,19 @@ def _rough_fits(
     """
     known, best = {one.candidate.key: one for one in scores}, dict[tuple[str, str, str], _Fit]()
     there = [k for k in _various(_screened(own, {}, search)) if k.candidate.key in known][:MAX_ROUGH_TRIALS]
-    tried = _fits(there, None, search, coarse=False, iterations=ROUGH_STEPS)
-    there = [one.score for one in sorted(tried, key=lambda one: one.model.mean_square)[:MAX_ROUGH_FITS]]
-    for one in (*_fits(there, None, search), *_fits(chosen[:MAX_ROUGH_FITS], None, search, coarse=False)):
+    tried = sorted(_fits(there, None, search, iterations=ROUGH_STEPS), key=lambda one: one.model.mean_square)
+    first = _various([one.score for one in tried])[:MAX_ROUGH_FITS]
+    ends = [_continued(one) for one in tried if one.score in first]
+    for one in (*ends, *_fits(chosen[:MAX_ROUGH_FITS], None, search, coarse=False)):
         key = one.candidate.key
         if key not in best or one.model.mean_square < best[key].model.mean_square:
             best[key] = one._replace(score=known[key])
     return list(best.values())
+
+
+def _continued(one: _Fit) -> _Fit:
+    """A fit that goes on where it ended."""
+    return one._replace(model=optimized(one.model.problem, one.model.setup, one.model.theta))
 
 
 def _with_memories(fits: Sequence[_Fit]) -> list[_Fit]:
