@@ -8,6 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.acceptance import attained_noise
+from tsmblocks.diagnosis.credibility import parameters_in_doubt
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import FittedCandidate, mean_loss
 from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence, is_material
@@ -120,6 +121,12 @@ class DiagnosedPart:
         """Share of the base's mean square that the best effect removes, where it removes too little to be accepted."""
         rejected = None if self.count else self.rounds[0].verdict.named
         return 0.0 if rejected is None else max(1 - rejected.loss / self.losses[0], 0.0)
+
+    @property
+    def in_doubt(self) -> tuple[str, ...]:
+        """Parameters of the final model that compensate for what is missing, in words."""
+        error = self.losses[-1] / self.search.noise_variance
+        return parameters_in_doubt(self.final, self.part.diagram.parameters, error)
 
     @property
     def models(self) -> list[Model]:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.credibility import parameters_in_doubt
 from tsmblocks.diagnosis.cross_validation import held_out_residuals
 from tsmblocks.diagnosis.decision import mean_loss, ridge_weights, shrinkage_of
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
@@ -72,9 +71,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         ),
         largest_noise={k: v * np.sqrt(diagnosed.largest_noise) for k, v in diagnosed.floors.sigma.items()},
         filtered=tuple(name for name, rms in diagnosed.search.input_noise.items() if rms > 0),
-        in_doubt=parameters_in_doubt(
-            diagnosed.final, diagnosed.part.diagram.parameters, losses[-1] / diagnosed.search.noise_variance
-        ),
+        in_doubt=diagnosed.in_doubt,
     )
     return attrs.evolve(result, sentence=verdict_sentence(result))
 

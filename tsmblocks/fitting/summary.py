@@ -73,8 +73,7 @@ def summarise(
     ``known`` is the uncertainty that it reports; by default that of a fit whose active bounds are held.
     """
     left_out, residuals, jacobian = _first_with_derivatives(problem, searches)
-    searches = [searches[left_out], *searches[:left_out], *searches[left_out + 1 :]]
-    best, unknowns = searches[0], problem.unknowns
+    best, unknowns = searches[left_out], problem.unknowns
     differences = simulated_differences(
         setup, [unknowns.parameters(best.theta, e) for e in range(len(setup.experiments))]
     )
@@ -93,7 +92,7 @@ def summarise(
         undetermined=optimum.undetermined,
         active=tuple(optimum.active.values()),
         method=method,
-        searches=tuple(searches),
+        searches=(best, *searches[:left_out], *searches[left_out + 1 :]),
         agreeing=sum(abs(end.cost - best.cost) <= SAME * variance for end in searches),
         step=min(setup.steps.values()),
         integrator=first.rule.name,
