@@ -6,6 +6,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Integrator, Sum
 
+SLOW_NEEDS = ["diagnosis"]
 STEP, SUBSTEPS, FRICTION = 0.01, 100, 4.0
 
 

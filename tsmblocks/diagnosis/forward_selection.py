@@ -113,7 +113,7 @@ def search_round(
     known = found_in.verdict.named if found_in else None
     own = None if shrinkage else at_own_parameters(model)
     chosen = _chosen(scores, model, search, known)
-    fits = _fits(chosen, known, search) if own is None else _rough_fits(scores, chosen, own, search)
+    fits = _fits(chosen, known, search) if own is None else _rough_fits(scores, chosen, known, own, search)
     multiplicity = critical_ratios(scores, square(model.r))
     if found_in is not None:
         multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}
@@ -163,7 +163,11 @@ def _fits(
 
 
 def _rough_fits(
-    scores: Sequence[ScreeningScore], chosen: Sequence[ScreeningScore], own: Model, search: SearchContext
+    scores: Sequence[ScreeningScore],
+    chosen: Sequence[ScreeningScore],
+    known: FittedCandidate | None,
+    own: Model,
+    search: SearchContext,
 ) -> list[_Fit]:
     """The fits beside a rough base: of each candidate the better of that from the base and that from ``own``.
 
@@ -171,15 +175,15 @@ def _rough_fits(
     differences take most of the time beside large errors: they lead to the optimum from ``own``, where dry friction is
     far from its level, and are left out from the base.
     """
-    known, best = {one.candidate.key: one for one in scores}, dict[tuple[str, str, str], _Fit]()
-    there = [k for k in _various(_screened(own, {}, search)) if k.candidate.key in known][:MAX_ROUGH_TRIALS]
-    tried = sorted(_fits(there, None, search, iterations=ROUGH_STEPS), key=lambda one: one.model.mean_square)
+    here, best = {one.candidate.key: one for one in scores}, dict[tuple[str, str, str], _Fit]()
+    there = [k for k in _various(_screened(own, {}, search)) if k.candidate.key in here][:MAX_ROUGH_TRIALS]
+    tried = sorted(_fits(there, known, search, iterations=ROUGH_STEPS), key=lambda one: one.model.mean_square)
     first = _various([one.score for one in tried])[:MAX_ROUGH_FITS]
     ends = [_continued(one) for one in tried if one.score in first]
-    for one in (*ends, *_fits(chosen[:MAX_ROUGH_FITS], None, search, coarse=False)):
+    for one in (*ends, *_fits(chosen[:MAX_ROUGH_FITS], known, search, coarse=False)):
         key = one.candidate.key
         if key not in best or one.model.mean_square < best[key].model.mean_square:
-            best[key] = one._replace(score=known[key])
+            best[key] = one._replace(score=here[key])
     return list(best.values())
 
 
