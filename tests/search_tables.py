@@ -68,10 +68,8 @@ class Table:
 def search_of(table, monkeypatch):
     """The context of a search on a table, in which models are sets of names."""
     monkeypatch.setattr(forward_selection, "search_round", table.search_round)
-    for name in ("converged", "refine_memories", "nearest"):
-        monkeypatch.setattr(forward_selection, name, lambda model: model)
-    for name in ("with_sufficient_step", "with_accurate_step"):
-        monkeypatch.setattr(forward_selection, name, lambda model, settings: model)
+    monkeypatch.setattr(forward_selection, "nearest", lambda model: model)
+    monkeypatch.setattr(forward_selection, "_at_optimum", lambda model, settings: model)
     monkeypatch.setattr(forward_selection, "better_base", lambda *_: None)
     monkeypatch.setattr(forward_selection, "_with_all", lambda found, after: found)
     monkeypatch.setattr(forward_selection, "shrinkage_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})

@@ -43,6 +43,9 @@ MAX_FINITE_NULL = 1e9
 OUT_OF_BOUNDS_MARGIN = 0.1
 """Share of what it removes by which a candidate at a disqualifying bound has to beat every other one to matter. Chosen:
 smaller differences are within the error of the linearised hold-out."""
+MAX_LOSS_RATIO = 25.0
+"""Loss over that of the best candidate from which one is distinguishable, however much both remove. Chosen: an error of
+five times the size. Beside a base that is far off, nearly all candidates remove nearly all."""
 SIMPLER_EFFECT_SHARE = 0.95
 """Share of what the best candidate removes from which a simpler one, or a special case of it, is named instead.
 Calibrated on tests/benchmarks/hidden.py."""
@@ -224,7 +227,8 @@ def decide(
         return Verdict(tuple(ranking), tuple(t), critical_value)
     largest_difference = max(DISTINGUISHABLE_GAIN_SHARE * removed, INDISTINGUISHABLE_NOISE_SHARE * noise_variance)
     tolerance = max(INDISTINGUISHABLE_NOISE_SHARE * noise_variance, INDISTINGUISHABLE_GAIN_SHARE * removed)
-    eligible = [one for one in ranking if not one.disqualifying_bounds and one.loss - best.loss < largest_difference]
+    most = min(best.loss + largest_difference, MAX_LOSS_RATIO * max(best.loss, noise_variance))
+    eligible = [one for one in ranking if not one.disqualifying_bounds and one.loss < most]
     indistinguishable = [
         one for one in eligible if _is_indistinguishable(one, best, blocks, tolerance, concentrated_size)
     ]
@@ -233,7 +237,7 @@ def decide(
         for one in indistinguishable
         if one.tenable and one.loss >= best.loss and before - one.loss >= SIMPLER_EFFECT_SHARE * removed
     ]
-    named = _simplest(min(close, key=_order_of_naming), ranking, before)
+    named = _simplest(min(close, key=_order_of_naming), [one for one in ranking if one.loss < most], before)
     named = _at_output(named, close)
     special_case = named not in indistinguishable  # a more general form of it with the same loss adds nothing
     others = [

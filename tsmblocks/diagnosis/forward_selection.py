@@ -306,13 +306,18 @@ def _next_round(model: Model, shrinkage: Shrinkage, search: SearchContext, round
 
 def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:
     """The base of the next round, and the shrinkage of the effects in it."""
-    model, error = named.model, np.inf
+    return nearest(_at_optimum(named.model, settings)), {**shrinkage, **shrinkage_of(named.candidate)}
+
+
+def _at_optimum(model: Model, settings: ModelSettings) -> Model:
+    """The model optimised at a sufficient step, again while that helps where its residual is rough."""
+    error = np.inf
     while model.mean_square < LEAST_IMPROVEMENT * error:
         error = model.mean_square
         model = refine_memories(with_accurate_step(with_sufficient_step(converged(model), settings), settings))
         if error <= ROUGH_ERROR:
             break
-    return nearest(model), {**shrinkage, **shrinkage_of(named.candidate)}
+    return model
 
 
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
