@@ -1,4 +1,4 @@
-"""Parameters that compensate for a large effect that is missing are said to be in doubt, and no others."""
+"""Parameters that compensate for a large missing effect are reported as doubtful; others are not."""
 
 import numpy as np
 import pytest

@@ -188,7 +188,7 @@ def _rough_fits(
 
 
 def _continued(one: _Fit) -> _Fit:
-    """A fit that goes on where it ended."""
+    """The fit continued from where it ended."""
     return one._replace(model=optimized(one.model.problem, one.model.setup, one.model.theta))
 
 

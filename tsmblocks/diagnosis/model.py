@@ -176,7 +176,7 @@ def with_sufficient_step(model: Model, settings: ModelSettings) -> Model:
     if settings.step is not None:
         return model
     search = functools.partial(gauss_newton, iterations=MAX_ITERATIONS, tolerance=FINE_TOLERANCE)
-    problem, setup, found = following(model.problem, model.setup, _end(model), search)
+    problem, setup, found = following(model.problem, model.setup, end_at(model.problem, model.theta), search)
     return model if problem is model.problem else model_at(problem, setup, found)
 
 
@@ -205,13 +205,13 @@ def with_accurate_step(model: Model, settings: ModelSettings) -> Model:
 
 def nearest(model: Model) -> Model:
     """The model with the parameters nearest to where its search began, of all that leave the same residuals."""
-    (found,) = nearest_of(model.problem, model.setup, [_end(model)])
+    (found,) = nearest_of(model.problem, model.setup, [end_at(model.problem, model.theta)])
     return model if found.theta is model.theta else model_at(model.problem, model.setup, found)
 
 
-def _end(model: Model) -> OptimizerResult:
-    """The model as the end of a search."""
-    return OptimizerResult(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
+def end_at(problem: Problem, theta: np.ndarray) -> OptimizerResult:
+    """Values of the unknowns as the end of a search."""
+    return OptimizerResult(theta, problem.cost(theta), "converged", 0, 0)
 
 
 def pose_model(

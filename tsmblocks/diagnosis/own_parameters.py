@@ -5,9 +5,8 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.model import Model, model_at, optimized
+from tsmblocks.diagnosis.model import Model, end_at, model_at, optimized
 from tsmblocks.diagnosis.partition import ROUGH_ERROR
-from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.parameter_vector import Unknown
 
 HELD_WITHIN = 1e-9
@@ -31,8 +30,7 @@ def at_own_parameters(model: Model) -> Model | None:
     if not np.isfinite(costs[best]):
         return None
     theta = optimized(fixed, model.setup, starts[best]).theta
-    end = OptimizerResult(theta, model.problem.cost(theta), "converged", 0, 0)
-    return model_at(model.problem, model.setup, end)
+    return model_at(model.problem, model.setup, end_at(model.problem, theta))
 
 
 def _fixed(item: Unknown) -> Unknown:

@@ -7,8 +7,7 @@ import numpy as np
 from tsmblocks.common.errors import RunError, TsmError
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
-from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, optimized
-from tsmblocks.fitting.optimizer import OptimizerResult
+from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, end_at, optimized
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setup import FINEST
 from tsmblocks.fitting.statistics import intervals, uncertainty
@@ -60,7 +59,7 @@ def as_fit(model: Model, base: Model) -> Fit | None:
 
     None where its parameters are ones that a fit refuses.
     """
-    found = OptimizerResult(model.theta, model.problem.cost(model.theta), "converged", 0, 0)
+    found = end_at(model.problem, model.theta)
     known = uncertainty_of_effects(model, base) if len(model.r) > len(model.theta) else None
     try:
         return summarise(model.problem, model.setup, "gauss-newton", [found], known)

@@ -187,7 +187,7 @@ def _step_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
         fine, _ = halved(problem, setup)
     except RunError:  # more steps than fit into memory
         return []
-    return shift_note(problem.unknowns.names, _moved(at, fine), setup.experiments[0].times.h)
+    return shift_note(problem.unknowns.names, _moved(at, fine.residuals(at.theta)), setup.experiments[0].times.h)
 
 
 def _fixed_in_doubt(
@@ -210,10 +210,11 @@ def _input_noise_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str
     filtered, inputs = filtered_problem(problem, setup)
     if not inputs:
         return []
-    other = alternative(at.jacobian, at.residuals, filtered.residuals(at.theta), problem.segments, at.rows)
+    residuals = filtered.residuals(at.theta)
+    other = alternative(at.jacobian, at.residuals, residuals, problem.segments, at.rows)
     if other is not None and other.rest > DRIVES * square(at.residuals):  # a command
         return []
-    return input_noise_note(problem.unknowns.names, _moved(at, filtered), inputs, COVERED)
+    return input_noise_note(problem.unknowns.names, _moved(at, residuals), inputs, COVERED)
 
 
 def _held_input_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
@@ -223,10 +224,9 @@ def _held_input_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]
     return list(held_input_notes(problem, setup, at.theta, at.residuals, at.jacobian, at.rows, open_))
 
 
-def _moved(at: _Optimum, other: Problem) -> np.ndarray:
-    """How far each number moves in another version of the problem, in half widths of its interval."""
+def _moved(at: _Optimum, residuals: np.ndarray) -> np.ndarray:
+    """How far each number moves, in half widths of its interval, in a version of the problem with these residuals."""
     low, high = intervals(at.theta, at.known.covariance, at.known.freedom)
-    residuals = other.residuals(at.theta)
     return shifts(at.residuals, residuals, at.jacobian, (high - low) / 2, prior=at.prior, held=at.rows)
 
 
