@@ -9,7 +9,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.common.errors import RunError
-from tsmblocks.diagnosis import candidate_fits, forward_selection
+from tsmblocks.diagnosis import candidate_fits, screened_candidates
 from tsmblocks.diagnosis.candidates import Candidate
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
@@ -106,7 +106,7 @@ def fitted_names(scores):
     model = SimpleNamespace(problem=SimpleNamespace(samples=1000))
     search = SimpleNamespace(noise_variance=1.0)
     ordered = sorted(scores, key=lambda one: -one.gain)
-    chosen = forward_selection._worth_fitting(ordered, model, search)
+    chosen = screened_candidates.worth_fitting(ordered, model, search)
     return [f"{one.candidate.effect.name}{one.candidate.effect.variant}" for one in chosen]
 
 
@@ -116,18 +116,18 @@ def test_what_reaches_much_in_noise_leaves_room_for_other_effects():
     names = fitted_names([*flood, *others])
     assert names[:3] == ["change19", "change18", "change17"]
     assert {"backlash", "creep", "dead_zone"} < set(names)
-    assert len(names) == forward_selection.MAX_FITTED_CANDIDATES
+    assert len(names) == screened_candidates.MAX_FITTED_CANDIDATES
 
 
 def test_what_predicts_next_to_nothing_is_not_fitted_but_for_the_first_few():
     names = fitted_names([score("a", 900.0, 1.0), *(score(n, 5.0, 1.0) for n in "bcde")])
-    assert len(names) == forward_selection.MIN_FITTED_CANDIDATES
+    assert len(names) == screened_candidates.MIN_FITTED_CANDIDATES
     assert names[0] == "a"
 
 
 def test_replacements_are_fitted_beside_the_others():
     many = [score(f"effect{k}", 500.0, 1.0) for k in range(30)]
-    assert "relative" in fitted_names([*many, score("relative", 400.0, 1.0, place=forward_selection.REPLACED)])
+    assert "relative" in fitted_names([*many, score("relative", 400.0, 1.0, place=screened_candidates.REPLACED)])
 
 
 def key(name, variant="", before="lag.u"):

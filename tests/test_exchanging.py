@@ -6,7 +6,8 @@ import pytest
 
 from tests.search_tables import Table, effect, names, search_of
 from tsmblocks.diagnosis.decision import is_more_general
-from tsmblocks.diagnosis.forward_selection import exchange_effects, forward_search
+from tsmblocks.diagnosis.exchange import exchange_effects
+from tsmblocks.diagnosis.forward_selection import forward_search
 
 
 @pytest.fixture

@@ -25,8 +25,9 @@ from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands, OtherCommands
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
 from tsmblocks.diagnosis.evidence import Evidence, evidence
+from tsmblocks.diagnosis.exchange import exchange_effects
 from tsmblocks.diagnosis.exchangeable import exchange_notes
-from tsmblocks.diagnosis.forward_selection import exchange_effects, forward_search
+from tsmblocks.diagnosis.forward_selection import forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories
 from tsmblocks.diagnosis.model import Model, ProgressCallback
 from tsmblocks.diagnosis.noise_floor import doubtful_floors, input_noise_rms, noise_level, propagated_input_noise

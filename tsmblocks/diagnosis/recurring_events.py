@@ -11,7 +11,8 @@ from tsmblocks.diagnosis.acceptance import accepted_count, attained_noise
 from tsmblocks.diagnosis.decision import FittedCandidate, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import Omission
 from tsmblocks.diagnosis.evidence import evidence
-from tsmblocks.diagnosis.forward_selection import closing_round, rounds_for
+from tsmblocks.diagnosis.exchange import rounds_for
+from tsmblocks.diagnosis.forward_selection import closing_round
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.quantities import Estimate
 from tsmblocks.diagnosis.rejection import RECURRING

@@ -1,0 +1,100 @@
+"""Exchange of early choices: every effect named is searched for again beside all the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+
+from tsmblocks.diagnosis.acceptance import accepted_count
+from tsmblocks.diagnosis.decision import (
+    INDISTINGUISHABLE_NOISE_SHARE,
+    MIN_VARIANCE_REDUCTION,
+    FittedCandidate,
+    Shrinkage,
+    is_more_general,
+    mean_loss,
+)
+from tsmblocks.diagnosis.forward_selection import MAX_EFFECTS, forward_search, next_base, search_round
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
+from tsmblocks.effects import Replacement
+
+
+def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
+    """Rounds in which every effect is still the one that would be named beside all the others.
+
+    Forward selection names the first effect while the others are not in the model yet: one effect may then replace two
+    others, or another one. Each round but the last is repeated beside the effects of all the others.
+    """
+    rounds = list(rounds)
+    for _ in range(MAX_EFFECTS):
+        count = accepted_count(rounds, search)
+        for k in range(count - 1):
+            better = _repeated_beside_others(rounds, k, count, search)
+            if better is not None:
+                rounds = better
+                break
+        else:
+            return rounds
+    return rounds
+
+
+def _repeated_beside_others(
+    rounds: list[SearchRound], k: int, count: int, search: SearchContext
+) -> list[SearchRound] | None:
+    """New rounds, if effect ``k`` would not be named beside the others and they are better; else None."""
+    this, others, base = rounds[k].verdict.named, [*rounds[:k], *rounds[k + 1 : count]], rounds[0].base
+    other_rounds, model, shrinkage = rounds_for(others, search, base)
+    again = search_round(model, shrinkage, search, _with_all(rounds[k], rounds[count:]))
+    new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
+    if this is not None and new is not None and _same_effect(this, new) and not is_more_general(this, new):
+        rounds[k] = attrs.evolve(rounds[k], repeated=again)
+        return None
+    if new is None:  # beside the others no effect would be named here
+        made, least, allowed = [*other_rounds, again], len(other_rounds), MIN_VARIANCE_REDUCTION
+    else:
+        made, model, shrinkage = rounds_for([*rounds[:k], again, *rounds[k + 1 : count]], search, base)
+        if len(made) < count:
+            return None
+        least, allowed = count, INDISTINGUISHABLE_NOISE_SHARE
+        forward_search(model, shrinkage, search, made)
+    kept = accepted_count(made, search)
+    loss, before = (mean_loss(some[n].losses, search.blocks) for some, n in ((made, kept), (rounds, count)))
+    return made if kept >= least and loss <= before + allowed * search.noise_variance else None
+
+
+def _with_all(found: SearchRound, after: Sequence[SearchRound]) -> SearchRound:
+    """A round with the parameters of its effect in the model with all effects, which is the base ``after`` them."""
+    if found.verdict.named is None or not after:
+        return found
+    named = attrs.evolve(found.verdict.named, model=after[0].base)
+    return attrs.evolve(found, verdict=attrs.evolve(found.verdict, named=named))
+
+
+def _same_effect(this: FittedCandidate, new: FittedCandidate) -> bool:
+    """Whether the same effect is named again, or a more general form of it."""
+    name, effect = this.candidate.effect.name, new.candidate.effect
+    return effect.name == name or name in effect.contains
+
+
+def rounds_for(
+    found: Sequence[SearchRound], search: SearchContext, model: Model
+) -> tuple[list[SearchRound], Model, Shrinkage]:
+    """Rounds that search for the effects named in these only, the model with them, and their shrinkage.
+
+    ``model`` is the one without any effect. Effects that are not named alone are left out.
+    """
+    made = list[SearchRound]()
+    shrinkage: Shrinkage = {}
+    for one in found:
+        if one.verdict.named is None:
+            continue
+        effect = one.verdict.named.candidate.effect
+        alone = effect.relative if isinstance(effect, Replacement) else effect
+        again = search_round(model, shrinkage, attrs.evolve(search, effects=[alone]), one)
+        if again.verdict.named is None:
+            continue
+        made.append(attrs.evolve(again, single_effect=True, repeated=one.repeated or one))
+        model, shrinkage = next_base(again.verdict.named, shrinkage, search.settings)
+    return made, model, shrinkage

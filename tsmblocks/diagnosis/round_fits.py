@@ -1,0 +1,81 @@
+"""Fits of the candidates of a round, from a base near the measurements and from a rough one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from tsmblocks.diagnosis.candidate_fits import known_starts
+from tsmblocks.diagnosis.decision import FittedCandidate
+from tsmblocks.diagnosis.initial_states import refine_memories
+from tsmblocks.diagnosis.model import Model, optimized
+from tsmblocks.diagnosis.screened_candidates import screened_candidates, various
+from tsmblocks.diagnosis.screening_score import ScreeningScore
+from tsmblocks.diagnosis.search_rounds import SearchContext
+
+MEMORY_SEARCH_RATIO = 2.0
+"""Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
+MAX_ROUGH_FITS = 8
+"""Candidates fitted from a rough base, and from the diagram's own parameters, at most. Chosen: for the run time."""
+MAX_ROUGH_TRIALS, ROUGH_STEPS = 24, 12
+"""Candidates that take a few steps from the diagram's own parameters, at most, and how many. Chosen: run time."""
+
+
+class Fit(NamedTuple):
+    """A candidate fitted, and the screening score by which it is judged."""
+
+    score: ScreeningScore
+    model: Model
+
+
+def fits_from_starts(
+    scores: Sequence[ScreeningScore], known: FittedCandidate | None, search: SearchContext, **options: Any
+) -> list[Fit]:
+    """The candidates fitted from all their starting points, with the ``options`` of ``optimized``."""
+    fits = []
+    for k, one in enumerate(scores):
+        search.progress("fitted", k, len(scores))
+        starts = [*one.starts, *known_starts(one, known)]
+        ends = [optimized(one.problem, one.setup, start, **options) for start in starts]
+        fits.append(Fit(one, min(ends, key=lambda m: m.mean_square)))
+    return fits
+
+
+def fits_beside_rough_base(
+    scores: Sequence[ScreeningScore],
+    chosen: Sequence[ScreeningScore],
+    known: FittedCandidate | None,
+    own: Model,
+    search: SearchContext,
+) -> list[Fit]:
+    """The fits beside a rough base: of each candidate the better of that from the base and that from ``own``.
+
+    Screening says little from ``own``, so that all candidates take a few steps, and the best of them the rest. Finite
+    differences take most of the time beside large errors: they lead to the optimum from ``own``, where dry friction is
+    far from its level, and are left out from the base.
+    """
+    here, best = {one.candidate.key: one for one in scores}, dict[tuple[str, str, str], Fit]()
+    there = [k for k in various(screened_candidates(own, {}, search)) if k.candidate.key in here][:MAX_ROUGH_TRIALS]
+    tried = sorted(
+        fits_from_starts(there, known, search, iterations=ROUGH_STEPS), key=lambda one: one.model.mean_square
+    )
+    first = various([one.score for one in tried])[:MAX_ROUGH_FITS]
+    ends = [_continued(one) for one in tried if one.score in first]
+    for one in (*ends, *fits_from_starts(chosen[:MAX_ROUGH_FITS], known, search, coarse=False)):
+        key = one.score.candidate.key
+        if key not in best or one.model.mean_square < best[key].model.mean_square:
+            best[key] = one._replace(score=here[key])
+    return list(best.values())
+
+
+def _continued(one: Fit) -> Fit:
+    """The fit continued from where it ended."""
+    return one._replace(model=optimized(one.model.problem, one.model.setup, one.model.theta))
+
+
+def with_memories(fits: Sequence[Fit]) -> list[Fit]:
+    """The fits, the memories of the best searched again."""
+    least = MEMORY_SEARCH_RATIO * min((one.model.mean_square for one in fits), default=0.0)
+    return [
+        one._replace(model=refine_memories(one.model, 1)) if one.model.mean_square <= least else one for one in fits
+    ]

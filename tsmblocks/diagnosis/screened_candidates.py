@@ -1,0 +1,98 @@
+"""All candidates of a round screened, and those of them that are worth a fit."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
+from tsmblocks.diagnosis.critical_gains import is_of_time
+from tsmblocks.diagnosis.decision import FittedCandidate, Shrinkage
+from tsmblocks.diagnosis.insertion_points import insertion_points
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.replacements import replacement_points
+from tsmblocks.diagnosis.screening import screening_score
+from tsmblocks.diagnosis.screening_score import ScreeningScore
+from tsmblocks.diagnosis.search_rounds import SearchContext
+from tsmblocks.diagnosis.surrogates import surrogates
+from tsmblocks.effects import REPLACED, Effect, Relative
+from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
+
+SURROGATES = 99
+"""Surrogates of the residual in which every candidate is tried. Chosen: for the run time."""
+MIN_FITTED_CANDIDATES = 3
+"""Candidates fitted in a round at least, where there are so many. Chosen: screening is of first order only."""
+MAX_FITTED_CANDIDATES = 16
+"""Candidates fitted in a round at most. Chosen: for the run time."""
+MAX_FITTED_VARIANTS = 3
+"""Variants and places of one effect that are fitted in a round, before those of all others. Chosen."""
+MAX_FITTED_LOCAL = 4
+"""Candidates with a value in each recording that are fitted in a round, before all others. Chosen."""
+MIN_SCREENING_SCORE = 0.02
+"""Predicted fall of the mean square [noise variances] from which a candidate is fitted. Chosen: a third of what is
+needed for a name, since screening is of first order only."""
+MIN_RELATIVE_SCORE = 0.15
+"""Share of the best screening score from which a candidate is fitted. Chosen: for the run time."""
+
+
+def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContext) -> list[ScreeningScore]:
+    """The screening scores of all candidates, best first."""
+    named, measured = {key.partition(".")[0] for key in shrinkage}, next(iter(search.records.values())).units
+    effects = [one for one in search.effects if isinstance(one, Effect)]
+    relatives = [one for one in search.effects if isinstance(one, Relative)]
+    diagram, outputs = model.fitted_diagram, search.settings.outputs
+    points = insertion_points(diagram, outputs, effects, named, measured)
+    replaced = replacement_points(diagram, outputs[0], relatives, named)
+    wires = wire_signals(model, [*points, *replaced])
+    base = column_space(model.J, SQUARED_EFFECT_TOLERANCE)
+    every = [*candidates(model, effects, wires, points), *replacement_candidates(model, wires, replaced)]
+    scores = []
+    noise = {
+        of_time: surrogates(model, base, SURROGATES, search.settings.seed, of_time=of_time)
+        for of_time in {is_of_time(one) for one in every}
+    }
+    for k, one in enumerate(every):
+        search.progress("tried", k, len(every))
+        own = noise[is_of_time(one)]
+        scores.append(screening_score(one, model, search.records, search.settings, wires, base, own))
+    return sorted(scores, key=lambda one: -one.gain)
+
+
+def chosen_candidates(
+    scores: Sequence[ScreeningScore], model: Model, search: SearchContext, known: FittedCandidate | None
+) -> list[ScreeningScore]:
+    """The candidates that are fitted, with that which is ``known``: it may seem small until it is fitted."""
+    chosen = worth_fitting(scores, model, search)
+    if known is not None:
+        chosen += [one for one in scores if one not in chosen and one.candidate.key == known.candidate.key]
+    return chosen
+
+
+def worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: SearchContext) -> list[ScreeningScore]:
+    """The best candidates, by what exceeds noise: a few in any case, more where their score is near the best.
+
+    Replacements are chosen in addition: they begin at no null, so that their score says less of what they reach.
+    """
+    best = scores[0].gain if scores else 0.0
+    least = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
+    some = various(sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain))[:MAX_FITTED_CANDIDATES]
+    chosen = [one for one in scores if one in some or one.candidate.effect.place == REPLACED]
+    return [score for k, score in enumerate(chosen) if k < MIN_FITTED_CANDIDATES or score.gain > least]
+
+
+def various(scores: Sequence[ScreeningScore]) -> list[ScreeningScore]:
+    """The first candidates, no more than a few variants of one effect if there are others.
+
+    What has a value in each recording reaches much in anything, and would leave no room for other effects.
+    """
+    counts, local = Counter[str](), 0
+    first, others = list[ScreeningScore](), list[ScreeningScore]()
+    for one in scores:
+        effect = one.candidate.effect
+        counts[effect.name] += 1
+        local += bool(effect.local)
+        few = counts[effect.name] <= MAX_FITTED_VARIANTS and not (effect.local and local > MAX_FITTED_LOCAL)
+        (first if few else others).append(one)
+    return [*first, *others]
