@@ -40,7 +40,9 @@ MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 LEAST_IMPROVEMENT = 0.9
 """Mean square after an optimisation beside a rough residual over that before, up to which it is repeated. Chosen: dry
-friction has many small steps downhill."""
+friction has many small steps downhill. Beside any other residual a fall by one variance of what is left counts."""
+MAX_OPTIMISATIONS = 12
+"""Repeated optimisations of a model with a new effect, at most. Chosen: for the run time."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 MIN_GAIN_BESIDE_MOTION = 2.0
@@ -150,11 +152,11 @@ def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSetti
 
 
 def _at_optimum(model: Model, settings: ModelSettings) -> Model:
-    """The model optimised at a sufficient step, again while that helps where its residual is rough."""
-    error = np.inf
-    while model.mean_square < LEAST_IMPROVEMENT * error:
-        error = model.mean_square
+    """The model optimised at a sufficient step, again while that helps: memories that moved open further descents."""
+    for _ in range(MAX_OPTIMISATIONS):
+        before = model.mean_square
         model = refine_memories(with_accurate_step(with_sufficient_step(converged(model), settings), settings))
-        if error <= ROUGH_ERROR:
+        enough = LEAST_IMPROVEMENT if before > ROUGH_ERROR else 1 - 1 / len(model.r)
+        if model.mean_square >= enough * before:
             break
     return model
