@@ -22,6 +22,7 @@ from tsmblocks.diagnosis import text as telling
 from tsmblocks.diagnosis import verdict_text
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference, in_code
+from tsmblocks.diagnosis.rejection import NOT_ACCEPTED
 from tsmblocks.diagnosis.result import Quantity
 from tsmblocks.html import charts, figures
 from tsmblocks.html.pages import style
@@ -251,6 +252,12 @@ def test_what_is_left_after_all_that_was_named_is_told():
     assert words in verdict_text.verdict_sentence(more)
     assert verdict_text.verdict_sentence(more).startswith(
         "The named effects do not explain the whole residual. Unmodelled effect between"
+    )
+    small = attrs.evolve(NAMED.ranking[0], round=2, named=False, name="dead_zone", why_not=NOT_ACCEPTED)
+    with_small = verdict_text.verdict_sentence(attrs.evolve(more, ranking=(*NAMED.ranking, small)))
+    assert (
+        "That is still 1.7 times the noise floor. dead_zone would remove a part of it, as small as an error in its form "
+        "may be." in with_small
     )
     first = tuple(r for r in NAMED.ranking if r.round == 1)
     assert f"a residual that was not examined further, {predicted}" in verdict_text.verdict_sentence(

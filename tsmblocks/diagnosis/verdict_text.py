@@ -10,7 +10,7 @@ from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
 from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, floor_text, main_sizes, output_traces
-from tsmblocks.diagnosis.rejection import LEAVES_MORE
+from tsmblocks.diagnosis.rejection import LEAVES_MORE, NOT_ACCEPTED
 from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.effects import catalogue
 from tsmblocks.fitting.input_checks import runs_ahead
@@ -321,11 +321,16 @@ def _noise_that_remains(gap: Gap) -> str:
 
 def _remaining(segment: Segment, gap: Gap) -> str:
     """A sentence on a residual above the noise floor that the effects do not explain."""
-    searched = any(r.round > len(segment.effects) for r in segment.ranking)
-    why = f"that {_none_tried(segment)}" if searched else "that was not examined further"
+    further = by_removed(r for r in segment.ranking if r.round > len(segment.effects))
+    still = f"That is still {gap.held_out[-1] / gap.noise_floor:.1f} times the noise floor"
+    small = next((r for r in further if r.why_not == NOT_ACCEPTED), None)
+    if small is not None:
+        forms = "its form" if len(segment.effects) == 1 else "their forms"
+        return f"{still}. {candidate_title(small)} would remove a part of it, as small as an error in {forms} may be."
+    why = f"that {_none_tried(segment)}" if further else "that was not examined further"
     share = percent(segment.predictable[1])
     known = "" if segment.irregular else f", though the recorded signals predict {share} of its mean square"
-    return f"That is still {gap.held_out[-1] / gap.noise_floor:.1f} times the noise floor: a residual {why}{known}."
+    return f"{still}: a residual {why}{known}."
 
 
 def _rms(value: float, unit: str) -> str:
