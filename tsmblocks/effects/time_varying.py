@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import attrs
 
 from tsmblocks import blocks
-from tsmblocks.effects.effect import Effect, across
+from tsmblocks.effects.effect import Effect, across, in_front
 from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
 
@@ -236,6 +236,14 @@ RATE_LIMIT = Effect(
     variant="output",
     sizes=(in_proportion("fastest rise", "rising", "{u}/s"), in_proportion("fastest fall", "falling", "{u}/s", -1.0)),
 )
+SOFT_RATE_LIMIT = attrs.evolve(
+    RATE_LIMIT,
+    words="a soft rate limit",
+    block=blocks.SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
+    free=("rising", "falling", "softness", "lag"),
+    trials=_soft_rate_limit_trials,
+    variant="soft",
+)
 EFFECTS = (
     DRIFT,
     _own(DRIFT),
@@ -269,12 +277,6 @@ EFFECTS = (
     _own(DRIVE_DISTURBANCE),
     RATE_LIMIT,
     attrs.evolve(RATE_LIMIT, place="drive", variant="drive"),
-    attrs.evolve(
-        RATE_LIMIT,
-        words="a soft rate limit",
-        block=blocks.SoftRateLimit(rising=NO_LIMIT, falling=-NO_LIMIT),
-        free=("rising", "falling", "softness", "lag"),
-        trials=_soft_rate_limit_trials,
-        variant="soft",
-    ),
+    SOFT_RATE_LIMIT,
+    in_front(SOFT_RATE_LIMIT, "a soft rate limit in front of the model"),
 )
