@@ -64,6 +64,22 @@ def test_hysteresis_in_front_of_the_model_is_placed_there():
     assert width.low < 0.3 < width.high
 
 
+def test_a_rate_limit_in_front_of_the_model_is_placed_there():
+    """The drive follows the command no faster than 2.5 mm/s: stepped with the samples, which no block does."""
+
+    def limited(u):
+        drive = [u[0]]
+        for wanted in u[1:]:
+            drive.append(drive[-1] + min(max(wanted - drive[-1], -2.5 * STEP), 2.5 * STEP))
+        run = tsm.simulate(PLANT, inputs={"u": (T, np.array(drive))}, step=STEP)
+        return run["y"]
+
+    tried = ["rate_limit", "saturation", "rate_dependence", "first_order_lag"]
+    (named,) = tsm.diagnose(PLANT, recordings([limited, limited]), effects=tried).effects
+    assert (named.name, named.wire) == ("rate_limit", "u -> plant.u")
+    assert named.sizes["fastest rise"].low < 2.5 < named.sizes["fastest rise"].high
+
+
 def test_a_change_in_every_recording_that_explains_the_whole_error_is_named():
     def changed(u):
         made, value = [], u[0]

@@ -96,7 +96,8 @@ def test_why_an_effect_is_named_rather_than_its_equals():
     assert why_named(gap, [gap]) == ""
     assert why_named(gap, [gap, lag]) == "gap is named because it has the fewest parameters."
     assert why_named(loop, [gap, loop]) == "loop is named because it leaves the least error on held-out data."
-    assert why_named(loop, [gap, loop, lag]) == (
+    assert why_named(loop, [gap, loop, lag]) == why_named(loop, [gap, loop])
+    assert why_named(loop, [gap, loop, candidate("wide", 0.98, parameters=9)]) == (
         "loop is named because of those with as few parameters it leaves the least error on held-out data."
     )
     assert why_named(lag, [gap, lag]) == "lag is named because it was the simplest when it was found."

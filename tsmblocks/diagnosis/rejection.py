@@ -73,10 +73,11 @@ def why_named(named: FittedCandidate, indistinguishable: Sequence[FittedCandidat
     count, fewest = named.parameter_count, min(one.parameter_count for one in others)
     if count < fewest:
         return f"{named.candidate.effect.name} is named because it has the fewest parameters."
-    equal = [one for one in others if one.parameter_count <= count]
-    if all(named.loss <= one.loss for one in equal):
-        few = " of those with as few parameters" if len(equal) < len(others) else ""
-        return f"{named.candidate.effect.name} is named because{few} it leaves the least error on held-out data."
+    if all(named.loss <= one.loss for one in others):
+        return f"{named.candidate.effect.name} is named because it leaves the least error on held-out data."
+    if all(named.loss <= one.loss for one in others if one.parameter_count <= count):
+        few = "of those with as few parameters it leaves the least error on held-out data"
+        return f"{named.candidate.effect.name} is named because {few}."
     return f"{named.candidate.effect.name} is named because it was the simplest when it was found."
 
 
