@@ -80,6 +80,17 @@ def test_a_rate_limit_in_front_of_the_model_is_placed_there():
     assert named.sizes["fastest rise"].low < 2.5 < named.sizes["fastest rise"].high
 
 
+@pytest.mark.parametrize(("unit", "wires"), [("mm", {"u -> plant.u", "zero.y -> y"}), ("A", {"zero.y -> y"})])
+def test_a_ripple_is_looked_for_along_motions(unit, wires):
+    """A motor turns: its position may ripple. The current that drives it does not move along anything."""
+    u = motion(0)
+    y = tsm.simulate(PLANT, inputs={"u": (T, u)}, step=STEP)["y"] + 0.05 * np.sin(9.0 * u)
+    record = tsm.Record("run", T, {"u": u, "y": y}, {"u": unit, "y": "mm"})
+    plant = model(plant=FirstOrderLag(time_constant=0.15)).rewire(inputs={"u": tsm.Inlet(["plant"], unit=unit)})
+    (part,) = tsm.diagnose(plant, record, effects=["position_ripple"]).segments
+    assert {one.wire for one in part.ranking if one.round == 1} == wires
+
+
 def test_a_change_in_every_recording_that_explains_the_whole_error_is_named():
     def changed(u):
         made, value = [], u[0]

@@ -14,7 +14,7 @@ from tsmblocks.common.errors import AlgebraicLoop, DiagramError, TsmError
 from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.common.tables import unique_names
-from tsmblocks.diagnosis.insertion_points import InsertionPoint
+from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_no_motion
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.replacements import ReplacementPoint, replacements
@@ -197,10 +197,13 @@ def candidates(
     """
     found: list[Candidate] = []
     base, orders = model.fitted_diagram, _available_orders(model)
+    recorded = {name: unit for one in model.setup.experiments for name, unit in one.record.units.items()}
     pieces = any(experiment_of(one.name) != one.name for one in model.setup.experiments)
     for effect in effects:
         for point in points:
             if (point.place, point.adds) != (effect.place, effect.adds) or (pieces and effect.local):
+                continue
+            if effect.of_motion and is_no_motion(base.unit(point.signal) or recorded.get(point.signal, "")):
                 continue
             scales = wires.scales(point)
             trials = _trials(effect, scales)

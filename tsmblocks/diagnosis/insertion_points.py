@@ -133,11 +133,11 @@ def insertion_points(
         signal = source_of(diagram, drive) if drive else source
         if signal != source:  # an output that is its own drive has no drive in front of it
             found.append(InsertionPoint("drive", name, signal, before=drive))
-            if not _is_no_motion(unit):
+            if not is_no_motion(unit):
                 found.append(InsertionPoint("brake" if speed else "load", name, signal, other=source, before=drive))
         for port, moved in _inner_drives(diagram, name, drive):
             found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
-            if moved != source or not _is_no_motion(unit):
+            if moved != source or not is_no_motion(unit):
                 found.append(InsertionPoint("load", name, source_of(diagram, port), other=moved, before=port))
     loads = {point.before for point in found if point.place == "load"}
     found = [point for point in found if point.place != "brake" or point.before not in loads]
@@ -203,7 +203,7 @@ def is_speed(unit: str) -> bool:
         return False
 
 
-def _is_no_motion(unit: str) -> bool:
+def is_no_motion(unit: str) -> bool:
     """Whether a unit is known, and that of no motion."""
     try:
         return bool(unit) and parse(unit).dimension in NO_MOTIONS

@@ -88,6 +88,8 @@ class Effect:
     other_words : mapping of str to str, default {}
         The words where the signal on which it acts is of another quantity: ``"position"`` (an angle or a length),
         ``"speed"``, or ``"other"``.
+    of_motion : bool, default False
+        Whether it acts along a motion only, so that it is not looked for on a current, a force or a pressure.
 
     Raises
     ------
@@ -132,6 +134,7 @@ class Effect:
     adds: Callable[[Diagram, str], Diagram] | None = attrs.field(default=None, repr=False)
     sizes: tuple[Size, ...] = attrs.field(default=(), repr=False)
     other_words: Mapping[str, str] = attrs.field(factory=dict, repr=False)
+    of_motion: bool = False
 
     def words_on(self, unit: str) -> str:
         """Return the words for a signal on which the effect acts.

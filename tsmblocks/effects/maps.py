@@ -241,6 +241,7 @@ RIPPLE = Effect(
         Size("position of a crest", lambda p, _: math.atan2(p["sine"], p["cosine"]) / p["cycles"]),
     ),
     other_words=dict.fromkeys(("speed", "other"), "a ripple over the value of the signal"),
+    of_motion=True,
 )
 EFFECTS = (
     _slack("low"),
