@@ -196,6 +196,9 @@ def test_a_size_that_depends_on_the_shape_is_that_of_the_shape_with_the_limit():
     assert len({value for _, value, _ in slopes}) > 1
 
 
+JUMPS = (("jump", "r1", 0.6), ("jump", "r2", 0.01), ("time", "r1", 2.91), ("time", "r2", 11.6))
+
+
 def test_texts_and_files_report_the_size_and_not_a_coefficient():
     text = verdict_sentence(NAMED)
     assert "gap width 1.000 ± 0.040 deg" in text
@@ -205,6 +208,15 @@ def test_texts_and_files_report_the_size_and_not_a_coefficient():
     (words,) = main_sizes(attrs.evolve(BACKLASH, sizes=own), NAMED)
     assert words.startswith("amplitude -11.459 ±")
     assert words.endswith("in b, where it is largest")
+
+
+def test_sizes_of_one_recording_are_reported_together():
+    """The jump is in r1; the time of what is no jump in r2 is later."""
+    gap = BACKLASH.sizes["gap width"]
+    sizes = {f"{name}@{k}": attrs.evolve(gap, value=v) for name, k, v in JUMPS}
+    said = main_sizes(attrs.evolve(BACKLASH, sizes=sizes), NAMED)
+    assert [words.rpartition(" in ")[2] for words in said] == ["r1, where it is largest"] * 2
+    assert said[1].startswith("time 166.731 ±")
 
 
 def test_the_file_has_sizes_beside_the_parameters():

@@ -231,6 +231,12 @@ def test_the_output_furthest_above_its_noise_is_the_one_told():
     assert "falls from 2.00 to 0.0200 rms, by 98 %" in verdict_text.verdict_sentence(bare)
 
 
+def test_a_share_of_the_error_above_the_noise_floor_needs_such_an_error():
+    below = attrs.evolve(NAMED.gaps[0], held_out=(0.099 * DEG, 0.09 * DEG))
+    text = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(below,)))
+    assert "falls from 0.0990 to 0.0900 deg rms (noise floor 0.100). Also possible" in text
+
+
 def test_a_compensator_that_does_no_better_is_explained():
     found = diagnosis()
     assert found.consequence is not None

@@ -73,19 +73,19 @@ def main_parameter(effect: NamedEffect, segment: Segment) -> str:
 def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     """The measurable size of an effect in words: ``gap width 3.01 ± 0.02 deg``.
 
-    At most ``MAX_SIZES``. Where each experiment has a separate value, the largest one; of an effect that defines no
-    sizes its main parameter.
+    At most ``MAX_SIZES``. Where each experiment has separate values, those of the one in which the first size is the
+    largest; of an effect that defines no sizes its main parameter.
     """
     if not effect.sizes:
         main = main_parameter(effect, segment)
         name, _, experiment = main.partition("@")
         return [_with_name(name.rpartition(".")[2], with_interval(effect.parameters[main]), experiment)] if main else []
-    found: dict[str, str] = {}
-    for key, quantity in effect.sizes.items():
-        name, _, _ = key.partition("@")
-        if name not in found or abs(quantity.value) > abs(effect.sizes[found[name]].value):
-            found[name] = key
-    return [_with_name(name, size_text(effect, key), key.partition("@")[2]) for name, key in found.items()][:MAX_SIZES]
+    parts = {key: key.partition("@") for key in effect.sizes}
+    first = next((name for name, at, _ in parts.values() if at), "")
+    local = [key for key, (name, at, _) in parts.items() if at and name == first]
+    largest = parts[max(local, key=lambda key: abs(effect.sizes[key].value))][2] if local else ""
+    shown = [key for key, (_, _, experiment) in parts.items() if experiment in ("", largest)]
+    return [_with_name(parts[key][0], size_text(effect, key), parts[key][2]) for key in shown][:MAX_SIZES]
 
 
 def size_text(effect: NamedEffect, name: str) -> str:

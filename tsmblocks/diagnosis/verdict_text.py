@@ -283,7 +283,9 @@ def _reduction(segment: Segment) -> str:
     )
     floor, others = digits(k * gap.noise_floor), _other_outputs(segment, gap)
     if gap.held_out[-1] < REMAINING_ERROR_RATIO * gap.noise_floor or not gap.noise_floor > 0:
-        return f"{falls} (noise floor {floor}), by {percent(share)} of the error above the noise floor.{others}"
+        above = gap.held_out[0] > gap.noise_floor  # else there is nothing that a share could be of
+        by = f", by {percent(share)} of the error above the noise floor" if above else ""
+        return f"{falls} (noise floor {floor}){by}.{others}"
     if segment.complete:
         return f"{falls}, by {percent(share)} of the error above the noise.{others} {_noise_that_remains(gap)}"
     by = f", by {percent(share)} of the error above the noise floor" if share < ALL_SHARE else ""
