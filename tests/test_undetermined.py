@@ -119,3 +119,14 @@ def test_viscous_friction_is_named():
     assert effect.name == "viscous_friction"
     gains = found.augmented.parameters
     assert effect.parameters["friction.gain"].value * gains["speed.gain"] == pytest.approx(0.15, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("open_beside", "count"), [({}, 3), ({3: "C"}, 2), ({3: "A"}, 2), ({3: "C", 2: "A", 1: "A"}, 0)]
+)
+def test_a_search_that_was_stopped_keeps_effects_that_are_determined(open_beside, count, monkeypatch):
+    """Round k has the model with k effects; ``open_beside`` says which one is not determined in it."""
+    verdicts = [SimpleNamespace(named=name) for name in "ABC"] + [SimpleNamespace(named=None)]
+    rounds = [SimpleNamespace(base=k, verdict=verdict) for k, verdict in enumerate(verdicts)]
+    monkeypatch.setattr(undetermined, "_is_determined", lambda one, model, base: open_beside.get(model) != one)
+    assert undetermined.determined_count(rounds, 3) == count

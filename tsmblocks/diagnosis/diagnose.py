@@ -41,7 +41,7 @@ from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.stand_in import stands_in
 from tsmblocks.diagnosis.time_and_distance import only_frequency
-from tsmblocks.diagnosis.undetermined import without_undetermined
+from tsmblocks.diagnosis.undetermined import determined_count, without_undetermined
 from tsmblocks.diagnosis.varying_factor import varying_factor
 from tsmblocks.fitting.recordings import Data
 from tsmblocks.fitting.scale_notes import scale_notes_before
@@ -237,9 +237,9 @@ def _diagnosed(
         if not rounds:
             raise
         interrupted = True
-    if interrupted:
-        final = rounds[count := accepted_count(rounds, search)].base
     with without_checkpoints():
+        if interrupted:
+            final = rounds[count := determined_count(rounds, accepted_count(rounds, search))].base
         found, final_notes = _judged(ready, search, rounds, count, final, predicted, interrupted)
     notes = [f"{part.name}: {text}" for text in ([] if found.count < count else notes)]
     return attrs.evolve(found, omitted=omitted), interrupted, [*ready.notes, *notes, *final_notes]

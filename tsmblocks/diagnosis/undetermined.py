@@ -54,6 +54,20 @@ def without_undetermined(
     return rounds, omitted
 
 
+def determined_count(rounds: Sequence[SearchRound], count: int) -> int:
+    """How many of the first ``count`` effects are determined beside one another, from the first on.
+
+    Where a search is stopped before those that are not are left out, with the effects named after them.
+    """
+    while count and not all(
+        _is_determined(one.verdict.named, rounds[count].base, rounds[0].base)
+        for one in rounds[:count]
+        if one.verdict.named is not None
+    ):
+        count -= 1
+    return count
+
+
 def _may_follow(one: Effect | Relative, gone: Effect) -> bool:
     """Whether an effect is still a candidate after one was left out: another, or a variant without more parameters."""
     more = (len(one.free), len(getattr(one, "local", ()))) > (len(gone.free), len(gone.local))
