@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.data import Noise
+from tsmblocks.data import Noise, noise_floor
 from tsmblocks.data.noise_floor import noise_of_recordings, noise_over_recordings
+from tsmblocks.data.noise_methods import Found
+from tsmblocks.data.slow_noise import Stretch
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from noise_floors import SIGMA, draw, first_order
@@ -59,6 +61,14 @@ def test_a_load_that_moves_while_the_inputs_rest_is_no_noise():
     assert np.all(np.abs(floor - 1) < 0.1)
     assert np.all(np.isinf(high))
     assert all(said.startswith("stand-still: the signal moves while the inputs rest (") for said in doubts)
+
+
+def test_a_reason_that_several_recordings_have_is_said_once_with_the_largest_size():
+    def moved(size):
+        return Found("stand-still", (Stretch(size * np.array([1.0, -1.0]), 0.01),), 5.0, doubt="it moves")
+
+    found = [moved(0.02), moved(0.053), moved(0.01)]
+    assert noise_floor._refused(found, "rev") == ["stand-still: it moves (0.053 rev rms)"]
 
 
 def test_fast_noise_is_a_lower_bound():

@@ -16,7 +16,7 @@ from tsmblocks.data.fast_noise import HIGH_FREQUENCIES, fast_level, sample_to_sa
 from tsmblocks.data.noise_methods import Found, measured, of_periods, of_repeats, of_rests
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
-from tsmblocks.data.slow_noise import Level, level
+from tsmblocks.data.slow_noise import Level, level, mean_square
 
 TRUST = ("repeats", "repeated periods", "stand-still", HIGH_FREQUENCIES)
 """Methods, the most reliable first."""
@@ -201,17 +201,17 @@ def _taken(found: list[Found], fast: Level, start: Noise) -> Noise:
     """The noise by the first method of ``TRUST`` that is free of doubt; otherwise the fast noise."""
     sound = {m: own for m in TRUST if (own := [f for f in found if f.method == m and not f.doubt])}
     levels = {m: _level(own, fast.floor) for m, own in sound.items()}
-    refused = [f"{f.method}: {f.doubt}" for f in found if f.doubt]
+    refused = _refused(found, start.unit)
     rounding = (start.quantum or 0.0) / np.sqrt(12.0)  # a constant reading has rounding errors all the same
     if not levels:
-        floor, said = max(fast.floor, rounding), "; ".join(dict.fromkeys(refused))
+        floor, said = max(fast.floor, rounding), "; ".join(refused)
         return attrs.evolve(
             start, floor=float(floor), freedom=int(fast.freedom), low=float(max(fast.low, rounding)), doubt=said
         )
     larger = {m: k for m, one in levels.items() for k, other in levels.items() if one.low > other.high}
     method = next(m for m in levels if m not in larger)  # an effect that the model lacks can only add
     best = levels[method]
-    words = [text for text in dict.fromkeys(refused) if TRUST.index(text.split(":")[0]) < TRUST.index(method)]
+    words = [text for text in refused if TRUST.index(text.split(":")[0]) < TRUST.index(method)]
     for m, k in larger.items():
         more, less = (with_unit(levels[one].floor, start.unit) for one in (m, k))
         words.append(f"{m}: {more} rms, more than the {less} from {k}")
@@ -229,6 +229,16 @@ def _taken(found: list[Found], fast: Level, start: Noise) -> Noise:
         slow_time=best.time,
         doubt="; ".join(words),
     )
+
+
+def _refused(found: Sequence[Found], unit: str) -> list[str]:
+    """Each reason why a method found no noise, with the largest of what it found for that reason."""
+    largest: dict[str, float] = {}
+    for one in found:
+        if one.doubt:
+            reason = f"{one.method}: {one.doubt}"
+            largest[reason] = max(largest.get(reason, 0.0), float(np.sqrt(mean_square(one.stretches))))
+    return [f"{reason} ({with_unit(size, unit)} rms)" for reason, size in largest.items()]
 
 
 def _level(found: Sequence[Found], fast: float) -> Level:

@@ -105,9 +105,9 @@ def _judged(found: Found, fast: float) -> Found | None:
     if kept.samples < MIN_FREEDOM:
         return None
     if not still:
-        return attrs.evolve(kept, doubt=f"the noise found does not settle ({_size(kept)})")
+        return attrs.evolve(kept, doubt="the noise found does not settle")
     if smooth(kept.stretches, fast):
-        return attrs.evolve(kept, doubt=f"the noise found has a smooth path, as motion has ({_size(kept)})")
+        return attrs.evolve(kept, doubt="the noise found has a smooth path, as motion has")
     return kept
 
 
@@ -196,9 +196,9 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     found = Found("stand-still", tuple(made), float(record.t[-1] - record.t[0]))
     if found.samples - len(made) < MIN_FREEDOM:
         found = attrs.evolve(found, stretches=tuple(moving))
-        return attrs.evolve(found, doubt=f"the signal moves while the inputs rest ({_size(found)})") if moving else None
+        return attrs.evolve(found, doubt="the signal moves while the inputs rest") if moving else None
     if smooth(made, fast) or any(_follows(record, k, name, rests) for k in others):
-        return attrs.evolve(found, doubt=f"the signal moves while the inputs rest ({_size(found)})")
+        return attrs.evolve(found, doubt="the signal moves while the inputs rest")
     return found
 
 
@@ -232,7 +232,3 @@ def _resting(x: np.ndarray) -> np.ndarray:
     x = uniform_filter1d(x, STILL_MEAN_SAMPLES) if noise > 0 else x
     windows = np.lib.stride_tricks.sliding_window_view(x, MIN_STILL_SAMPLES)
     return np.convolve(np.ptp(windows, axis=1) <= width, np.ones(MIN_STILL_SAMPLES)) > 0.5
-
-
-def _size(found: Found) -> str:
-    return f"{np.sqrt(mean_square(found.stretches)):.3g} rms"
