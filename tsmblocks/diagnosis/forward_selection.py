@@ -39,7 +39,7 @@ MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 LEAST_IMPROVEMENT = 0.9
 """Mean square after an optimisation beside a rough residual over that before, up to which it is repeated. Chosen: dry
-friction has many small steps downhill. Beside any other residual a fall by one variance of what is left counts."""
+friction has many small steps downhill. Beside any other residual a fall by one variance of the residual counts."""
 MAX_OPTIMISATIONS = 12
 """Repeated optimisations of a model with a new effect, at most. Chosen: for the run time."""
 MAX_BETTER_BASES = 2
