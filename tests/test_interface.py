@@ -31,6 +31,7 @@ PASSED_ON = {
     "cli/common.py:add",
     "common/views.py:view",
     "common/views.py:no_view",
+    "diagnosis/round_fits.py:fits_from_starts",
     "fitting/scale_notes.py:scale_notes_before",
 }
 """Functions whose ``**`` goes to one of fixed signature."""

@@ -123,6 +123,8 @@ class Replacement(Effect):
         As for ``Effect``.
     other_words : mapping of str to str, default {}
         Not used.
+    of_motion : bool, default False
+        Not used.
     relative : Relative
         The relative.
     replaces : str
