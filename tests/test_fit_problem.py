@@ -11,8 +11,7 @@ import tsmblocks as tsm
 from tests.tolerances import BACKENDS
 from tsmblocks.blocks import DiscretePID, FirstOrderLag, Gain, Integrator, Play, Sum, ZeroOrderHold
 from tsmblocks.common.errors import ParameterError
-from tsmblocks.fitting.gauss_newton import gauss_newton
-from tsmblocks.fitting.optimizer import feasible_start, linearised_constraints
+from tsmblocks.fitting.optimizer import feasible_start
 from tsmblocks.fitting.quadratic_program import Infeasible, quadratic_step
 from tsmblocks.fitting.setup import pose
 
@@ -499,29 +498,6 @@ def test_a_start_that_meets_them_stays():
     problem, _ = pose(servo(), TWO[0], free=["tsm.*"], constraints=["theta > 1"])
     start = problem.unknowns.start
     assert feasible_start(problem, start) is start
-
-
-def test_an_unknown_with_equal_bounds_is_held_and_the_others_are_searched():
-    """Lag with a gain held at 1.2: the time constant is where a search of it alone ends."""
-    diagram = tsm.Diagram(
-        blocks={"lag": FirstOrderLag(gain=1.2, time_constant=0.1)}, inputs={"u": "lag.u"}, outputs={"y": "lag"}
-    )
-    truth = {"lag.gain": 1.5, "lag.time_constant": 0.4}
-    run = tsm.simulate(diagram, step=STEP, inputs={"u": tsm.Samples(T, U)}, parameters=truth)
-    both, alone = (
-        pose(diagram, record(u=U, y=run["y"]), free=free, step=STEP)[0]
-        for free in (["lag.gain", "lag.time_constant"], ["lag.time_constant"])
-    )
-    items = [attrs.evolve(k, low=k.start, high=k.start) if "gain" in k.name else k for k in both.unknowns.items]
-    held = attrs.evolve(both, unknowns=attrs.evolve(both.unknowns, items=tuple(items)))
-    rows, _, equal = linearised_constraints(held, held.unknowns.start)
-    assert rows[equal].tolist() == [[1.0, 0.0]]
-    assert not rows[~equal][:, 0].any()
-    found, expected = (gauss_newton(one, one.unknowns.start) for one in (held, alone))
-    values = dict(zip(held.unknowns.names, found.theta, strict=True))
-    assert found.status == "converged"
-    assert values["lag.gain"] == 1.2
-    assert values["lag.time_constant"] == pytest.approx(expected.theta[0], rel=1e-6)
 
 
 def test_what_is_no_number_counts_as_missed():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 
 import attrs
+import numpy as np
 
 from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidate_fits import at_sufficient_step

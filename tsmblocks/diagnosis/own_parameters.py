@@ -7,6 +7,10 @@ import numpy as np
 
 from tsmblocks.diagnosis.model import Model, end_at, model_at, optimized
 from tsmblocks.diagnosis.partition import ROUGH_ERROR
+from tsmblocks.fitting.parameter_vector import Unknown
+
+HELD_WITHIN = 1e-9
+"""Relative half width of the bounds of a parameter that is held. Chosen: no output changes by as much as its noise."""
 
 
 def at_own_parameters(model: Model) -> Model | None:
@@ -18,7 +22,7 @@ def at_own_parameters(model: Model) -> Model | None:
     if model.mean_square <= ROUGH_ERROR:
         return None
     unknowns = model.problem.unknowns
-    items = [one if one.experiment else attrs.evolve(one, low=one.start, high=one.start) for one in unknowns.items]
+    items = [one if one.experiment else _fixed(one) for one in unknowns.items]
     fixed = attrs.evolve(model.problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
     starts = (unknowns.start, np.where(unknowns.is_local, model.theta, unknowns.start))
     costs = [model.problem.cost(start) for start in starts]
@@ -27,3 +31,9 @@ def at_own_parameters(model: Model) -> Model | None:
         return None
     theta = optimized(fixed, model.setup, starts[best]).theta
     return model_at(model.problem, model.setup, end_at(model.problem, theta))
+
+
+def _fixed(item: Unknown) -> Unknown:
+    """A parameter held at its start, within bounds that have an inside."""
+    width = HELD_WITHIN * max(abs(item.start), HELD_WITHIN)
+    return attrs.evolve(item, low=item.start - width, high=item.start + width)

@@ -46,11 +46,11 @@ class OptimizerResult:
 def linearised_constraints(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bounds and linearised constraints on a step d from ``theta``: rows (m, n) with rows d >= b, equal (m,)."""
     low, high, eye = problem.unknowns.low - theta, problem.unknowns.high - theta, np.eye(len(theta))
-    held, constraints = low == high, problem.constraints  # two opposite inequalities would leave no inside
-    below, above = np.isfinite(low) & ~held, np.isfinite(high) & ~held
-    rows = np.concatenate([eye[below], -eye[above], eye[held], constraints.jacobian(theta)])
-    bounds = np.concatenate([low[below], -high[above], low[held], -constraints.values(theta)])
-    equal = np.concatenate([np.zeros(below.sum() + above.sum(), bool), np.ones(held.sum(), bool), constraints.equal])
+    below, above, constraints = np.isfinite(low), np.isfinite(high), problem.constraints
+    rows = np.concatenate([eye[below], -eye[above], constraints.jacobian(theta)])
+    bounds = np.concatenate([low[below], -high[above], -constraints.values(theta)])
+    equal = np.zeros(len(bounds), dtype=bool)
+    equal[len(bounds) - len(constraints.equal) :] = constraints.equal
     return rows, bounds, equal
 
 
