@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 
 import attrs
-import numpy as np
 
 from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidate_fits import at_sufficient_step
@@ -40,9 +39,9 @@ MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 LEAST_IMPROVEMENT = 0.9
 """Mean square after an optimisation beside a rough residual over that before, up to which it is repeated. Chosen: dry
-friction has many small steps downhill. Beside any other residual a fall by one variance of the residual counts."""
-MAX_OPTIMISATIONS = 12
-"""Repeated optimisations of a model with a new effect, at most. Chosen: for the run time."""
+friction has many small steps downhill. Near the noise a fall by one variance of the residual counts."""
+NEAR_NOISE = 4.0
+"""Mean square [noise variances] up to which a residual is near the noise. Chosen: an error of twice the noise."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 MIN_GAIN_BESIDE_MOTION = 2.0
@@ -152,11 +151,19 @@ def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSetti
 
 
 def _at_optimum(model: Model, settings: ModelSettings) -> Model:
-    """The model optimised at a sufficient step, again while that helps: memories that moved open further descents."""
-    for _ in range(MAX_OPTIMISATIONS):
-        before = model.mean_square
+    """The model optimised at a sufficient step, again while that helps where its residual is rough or near the noise.
+
+    Near the noise memories that moved open further descents.
+    """
+    error = float("inf")
+    while model.mean_square < _enough(model, error) * error:
+        error = model.mean_square
         model = refine_memories(with_accurate_step(with_sufficient_step(converged(model), settings), settings))
-        enough = LEAST_IMPROVEMENT if before > ROUGH_ERROR else 1 - 1 / len(model.r)
-        if model.mean_square >= enough * before:
+        if NEAR_NOISE < error <= ROUGH_ERROR:
             break
     return model
+
+
+def _enough(model: Model, error: float) -> float:
+    """The mean square over that before, ``error``, up to which an optimisation is repeated."""
+    return 1 - 1 / len(model.r) if error <= NEAR_NOISE else LEAST_IMPROVEMENT

@@ -200,14 +200,17 @@ def floor_methods(gap: Gap) -> list[str]:
 def by_removed(rows: Iterable[RankedCandidate]) -> list[RankedCandidate]:
     """Candidates from the one that removes most of the error to the one that removes least.
 
-    Of those that remove as many per cent the one that was named comes first.
+    Of those that remove as many per cent the one that was named comes first. Differences that may be rounding do not
+    count: the order is then that of the names.
     """
     rows = list(rows)
     best = max((one.gain for one in rows if np.isfinite(one.gain)), default=1.0)
 
-    def place(one: RankedCandidate) -> tuple[float, bool, float]:
+    def place(one: RankedCandidate) -> tuple[float, bool, float, str, str]:
         gain = one.gain if np.isfinite(one.gain) else -np.inf
-        return -(round(gain / best, 2) if best > 0 and gain > 0 else gain), not one.named, -gain
+        share = gain / best if best > 0 and gain > 0 else gain
+        percent, exact = (-round(share, digits) if np.isfinite(share) else np.inf for digits in (2, 4))
+        return percent if share > 0 else -gain, not one.named, exact, one.name, one.variant
 
     return sorted(rows, key=place)
 
