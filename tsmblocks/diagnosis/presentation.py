@@ -209,8 +209,8 @@ def by_removed(rows: Iterable[RankedCandidate]) -> list[RankedCandidate]:
     def place(one: RankedCandidate) -> tuple[float, bool, float, str, str]:
         gain = one.gain if np.isfinite(one.gain) else -np.inf
         share = gain / best if best > 0 and gain > 0 else gain
-        percent, exact = (-round(share, digits) if np.isfinite(share) else np.inf for digits in (2, 4))
-        return percent if share > 0 else -gain, not one.named, exact, one.name, one.variant
+        percent = round(share, 2) if share > 0 else gain
+        return -percent, not one.named, -round(share, 4), one.name, one.variant
 
     return sorted(rows, key=place)
 

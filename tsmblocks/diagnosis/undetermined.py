@@ -38,7 +38,7 @@ def without_undetermined(
     for more in reversed(range(MAX_EFFECTS)):
         accepted = rounds[: accepted_count(rounds, search)]
         named = [one.verdict.named for one in accepted if one.verdict.named is not None]
-        open_ones = [one for one in named if not _is_determined(one, rounds[len(named)].base, base)]
+        open_ones = _open_effects(rounds, len(accepted), base)
         if not open_ones:
             break
         outs = [open_ones[-1]] if named[-1] is open_ones[-1] else [open_ones[-1], named[-1]]
@@ -59,13 +59,15 @@ def determined_count(rounds: Sequence[SearchRound], count: int) -> int:
 
     Where a search is stopped before those that are not are left out, with the effects named after them.
     """
-    while count and not all(
-        _is_determined(one.verdict.named, rounds[count].base, rounds[0].base)
-        for one in rounds[:count]
-        if one.verdict.named is not None
-    ):
+    while count and _open_effects(rounds, count, rounds[0].base):
         count -= 1
     return count
+
+
+def _open_effects(rounds: Sequence[SearchRound], count: int, base: Model) -> list[FittedCandidate]:
+    """Those of the first ``count`` effects that are not determined in the model that adds all of them to a base."""
+    named = [one.verdict.named for one in rounds[:count] if one.verdict.named is not None]
+    return [one for one in named if not _is_determined(one, rounds[count].base, base)]
 
 
 def _may_follow(one: Effect | Relative, gone: Effect) -> bool:
