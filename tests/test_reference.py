@@ -74,11 +74,47 @@ def text_of(page):
     return PAGES[page].read_text(encoding="utf-8")
 
 
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def same_but_for_rounding(printed, said):
+    """Whether two texts differ at most by one unit of the last digit of their numbers: processors round differently."""
+    pairs = [*zip(NUMBER.findall(printed), NUMBER.findall(said), strict=False)]
+    words = [" ".join(NUMBER.sub("0", text).split()) for text in (printed, said)]
+    return words[0] == words[1] and all(
+        abs(float(a) - float(b)) <= 1.001 * max(last_digit(a), last_digit(b)) for a, b in pairs
+    )
+
+
+def last_digit(number):
+    """The value of one unit of a number's last digit; of a whole number, none: it is a count."""
+    digits, _, power = number.partition("e")
+    decimals = len(digits.partition(".")[2])
+    return 10.0 ** (int(power or 0) - decimals) if decimals else 0.0
+
+
+@pytest.mark.parametrize(
+    ("printed", "said", "same"),
+    [
+        ("u  3.113  3.919\n", "u  3.113   3.92\n", True),
+        ("u  3.113  3.918\n", "u  3.113   3.92\n", True),
+        ("u  3.113  3.917\n", "u  3.113  3.919\n", False),
+        ("u  3.113  3.91\n", "u  3.113  3.93\n", False),
+        ("22 effects\n", "23 effects\n", False),
+        ("1.25e-05 m\n", "1.26e-05 m\n", True),
+        ("1.25e-05 m\n", "1.26e-05 mm\n", False),
+    ],
+)
+def test_numbers_of_a_page_may_differ_in_their_last_digit_alone(printed, said, same):
+    assert same_but_for_rounding(printed, said) is same
+
+
 @pytest.mark.parametrize("page", [page for page in PAGES if not page.endswith("index") and page not in WITHOUT_CODE])
 def test_code_of_a_page_prints_what_the_page_says(page):
     code = hand_written.shown(text_of(page))
     assert code
-    assert hand_written.executed(text_of(page))[0] == [said for _, said in code]
+    for printed, (_, said) in zip(hand_written.executed(text_of(page))[0], code, strict=True):
+        assert printed == said or same_but_for_rounding(printed, said), f"{printed}\n---- the page says ----\n{said}"
     assert max(len(line) for piece, _ in code for line in piece.splitlines()) <= 100  # what a page shows
 
 
