@@ -102,6 +102,11 @@ class FittedCandidate:
         """Parameters of the effect that lie at a bound."""
         return self._at_bounds(0, 1)
 
+    @property
+    def at_limit_of_form(self) -> bool:
+        """Whether a parameter lies at a bound beyond which the form is another one, and not just a sharp corner."""
+        return any(k not in self.candidate.effect.sharp or k in self._at_bounds(1) for k in self.at_bounds)
+
     def _at_bounds(self, *sides: int) -> tuple[str, ...]:
         """Parameters of the effect that lie at a lower bound (0) or at an upper one (1)."""
         unknowns, block, names = self.model.problem.unknowns, self.candidate.block, list[str]()
@@ -306,7 +311,7 @@ def _order_of_naming(one: FittedCandidate) -> tuple[int, bool, float]:
 
     A shape at a bound is a limit of its form, and the size beside it is then not determined.
     """
-    return one.parameter_count, bool(one.at_bounds), one.loss
+    return one.parameter_count, one.at_limit_of_form, one.loss
 
 
 def _best_significant(significant: Sequence[FittedCandidate], least: float, before: float) -> FittedCandidate | None:

@@ -90,6 +90,8 @@ class Effect:
         ``"speed"``, or ``"other"``.
     of_motion : bool, default False
         Whether it acts along a motion only, so that it is not looked for on a current, a force or a pressure.
+    sharp : tuple of str, default ()
+        Parameters that smooth a corner of its form: at their lower bound the corner is sharp, and its sizes hold.
 
     Raises
     ------
@@ -135,6 +137,7 @@ class Effect:
     sizes: tuple[Size, ...] = attrs.field(default=(), repr=False)
     other_words: Mapping[str, str] = attrs.field(factory=dict, repr=False)
     of_motion: bool = False
+    sharp: tuple[str, ...] = ()
 
     def words_on(self, unit: str) -> str:
         """Return the words for a signal on which the effect acts.
@@ -268,7 +271,7 @@ def parameter_faults(effect: Effect) -> Iterator[str]:
             yield f"its block must be at its null, and {name} is {numbers[name]:g} instead of {value:g}."
     if not effect.free:
         yield "none of its parameters is fitted; name parameters of its block in free."
-    for what in ("within", "below", "local"):
+    for what in ("within", "below", "local", "sharp"):
         yield from _unknown(getattr(effect, what), effect.free, f"{what} names '{{}}', which is not free to be fitted.")
     yield from _unknown(effect.settled, states, "its block has no state '{}' to initialise.")
     for odd in (one for one in effect.sizes if not isinstance(one, Size)):

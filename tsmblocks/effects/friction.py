@@ -103,6 +103,7 @@ POSITION_EFFECTS = (
         confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
         separates="slow triangles in both directions at two speeds",
         sizes=(in_proportion("friction", "friction.level"),),
+        sharp=("friction.smoothing",),
     ),
     Effect(
         "viscous_friction",

@@ -192,6 +192,7 @@ SOFT_DEAD_ZONE = Effect(
     separates="a slow ramp over the full range: a dead zone takes the same way back",
     variant="soft",
     below=("softness",),  # one as soft as that is a smooth characteristic
+    sharp=("softness",),
     sizes=(in_proportion("width", "half_width", factor=2.0), in_proportion("middle", "centre")),
 )
 ODD = Effect(
