@@ -269,8 +269,8 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
 def smoothed_inputs(diagram: Diagram, outputs: Iterable[str]) -> list[str]:
     """Inputs that drive a motion as a force does: integrated twice before any of the outputs, once before a speed.
 
-    These integrations take the fast noise away that a filter would, and what is left of it has the frequencies of the
-    motion. A command that is not noise would lose its fast part.
+    These integrations take the fast noise away that a filter would, and the rest of the noise has the frequencies of
+    the motion. A command that is not noise would lose its fast part.
     """
     return [k for k in diagram.inputs if all(_is_smoothed(diagram, k, output) for output in outputs)]
 

@@ -125,6 +125,8 @@ class Replacement(Effect):
         Not used.
     of_motion : bool, default False
         Not used.
+    sharp : tuple of str, default ()
+        As for ``Effect``.
     relative : Relative
         The relative.
     replaces : str
