@@ -6,9 +6,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 
 import attrs
 
-from tsmblocks.blocks import Bias
+from tsmblocks.blocks import Bias, Sum
 from tsmblocks.common.errors import TsmError
-from tsmblocks.common.units import UnitError, parse
+from tsmblocks.common.units import Dimension, UnitError, parse
 from tsmblocks.effects import Effect
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.block import Block
@@ -22,6 +22,8 @@ FORCE_TO_POSITION = 2
 """Integrations from a force to the position at least; to the speed one less. Source: Newton's second law."""
 SPEED_DIMENSIONS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
 """Dimensions of outputs that are speeds."""
+POSITION_DIMENSIONS = {parse(unit).dimension for unit in ("rad", "m")}
+"""Dimensions of signals that are positions."""
 NO_MOTIONS = {parse(unit).dimension for unit in ("Pa", "K", "degC", "A", "N", "N*m", "W", "kg/s", "m^3/s")}
 """Dimensions of signals that are no motions, so that nothing rubs, springs or ripples along them. Voltages are not
 among them: sensors of motions have them."""
@@ -139,6 +141,7 @@ def insertion_points(
             found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
             if moved != source or not is_no_motion(unit):
                 found.append(InsertionPoint("load", name, source_of(diagram, port), other=moved, before=port))
+        found += _inside_the_transmission(diagram, name, source)
     loads = {point.before for point in found if point.place == "load"}
     found = [point for point in found if point.place != "brake" or point.before not in loads]
     drives = {point.signal for point in found if point.place == "drive"}
@@ -197,16 +200,18 @@ def source_of(diagram: Diagram, port: str) -> str:
 
 def is_speed(unit: str) -> bool:
     """Whether a unit is that of a speed, of turning or straight on; one that is not known is none."""
-    try:
-        return parse(unit).dimension in SPEED_DIMENSIONS
-    except UnitError:
-        return False
+    return _is_one_of(unit, SPEED_DIMENSIONS)
 
 
 def is_no_motion(unit: str) -> bool:
     """Whether a unit is known, and that of no motion."""
+    return _is_one_of(unit, NO_MOTIONS)
+
+
+def _is_one_of(unit: str, dimensions: Collection[Dimension]) -> bool:
+    """Whether a unit is known, and has one of these dimensions."""
     try:
-        return bool(unit) and parse(unit).dimension in NO_MOTIONS
+        return bool(unit) and parse(unit).dimension in dimensions
     except UnitError:
         return False
 
@@ -238,6 +243,44 @@ def _inner_drives(diagram: Diagram, output: str, nearest: str) -> Iterator[tuple
         for moved in dict.fromkeys(".".join(x.source) for x in diagram.links if x.source[0] == head):
             if integration_count(diagram, moved, before=port, after="") >= FORCE_TO_POSITION:
                 yield port, moved
+
+
+def _inside_the_transmission(diagram: Diagram, output: str, source: str) -> Iterator[InsertionPoint]:
+    """Wires inside the model that have a position: from one part of a transmission to the next.
+
+    Either nothing acts back on what moves the wire, and it has dynamics on both of its sides (``"transmission"``), or
+    it is the difference of two positions that both depend on it, the deflection of an elastic part (``"deflection"``).
+    """
+    for port in _upstream(diagram, diagram.shown[output][0]):
+        signal = source_of(diagram, port)
+        if signal in diagram.inputs or signal == source or not _is_one_of(diagram.unit(signal), POSITION_DIMENSIONS):
+            continue
+        head, driven = signal.partition(".")[0], _downstream(diagram, port.partition(".")[0])
+        if head not in driven:
+            before = [integration_count(diagram, signal, before="", after=k) for k in diagram.inputs]
+            dynamic = max(before, default=0) > 0 and 0 not in before
+            if dynamic and integration_count(diagram, output, before=port, after="") > 0:
+                yield InsertionPoint("transmission", output, signal, before=port)
+        elif _is_deflection(diagram, head, port):
+            yield InsertionPoint("deflection", output, signal, before=port)
+
+
+def _is_deflection(diagram: Diagram, difference: str, port: str) -> bool:
+    """Whether the block ``difference`` takes two signals that a force at ``port`` moves from one another."""
+    ends = [".".join(x.source) for x in diagram.links if x.target[0] == difference]
+    all_ends = len(ends) + sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)
+    moved = (integration_count(diagram, end, before=port, after="") >= FORCE_TO_POSITION for end in ends)
+    return isinstance(diagram.blocks[difference], Sum) and len(ends) == all_ends > 1 and all(moved)
+
+
+def _downstream(diagram: Diagram, block: str) -> set[str]:
+    """The blocks that depend on a block, with that one where it depends on itself."""
+    todo, found = [block], set[str]()
+    for name in todo:  # grows while it is read
+        after = {x.target[0] for x in diagram.links if x.source[0] == name} - found
+        found |= after
+        todo += after
+    return found
 
 
 def integration_count(diagram: Diagram, output: str, *, before: str, after: str) -> int:

@@ -16,6 +16,8 @@ VARIANT_WORDS = {
     "speed": "where the measured motion is a speed",
     "force": "of the force, as the cogging of a motor",
     "spring": "as a spring that acts on the load",
+    "inside": "inside the model, between two parts of the transmission",
+    "deflection": "in the deflection of an elastic part",
     "transmission": "between input and output, as hysteresis whose width depends on the speed",
     "loop": "of the width of the hysteresis, which may be zero before",
     "loop of the input": "of the width of the hysteresis, by the motion of the input",

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.effects import delay, friction, loads, loop, maps, scale_and_zero, time_varying
+from tsmblocks.effects import delay, friction, loads, loop, maps, scale_and_zero, time_varying, transmission
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.relative import Relative
 from tsmblocks.effects.relatives import RELATIVES
@@ -25,8 +25,11 @@ def catalogue() -> tuple[Effect, ...]:
     tuple of Effect
         The effects of the toolbox in a fixed order, then the registered ones; variants of one name are neighbours.
     """
-    shipped = (friction, loop, delay, maps, loads, scale_and_zero, time_varying)
-    return (*(effect for module in shipped for effect in module.EFFECTS), *(e for e in _OWN if isinstance(e, Effect)))
+    modules = (friction, loop, delay, maps, loads, scale_and_zero, time_varying, transmission)
+    shipped = [effect for module in modules for effect in module.EFFECTS]
+    names = list(dict.fromkeys(effect.name for effect in shipped))
+    shipped.sort(key=lambda effect: names.index(effect.name))
+    return (*shipped, *(e for e in _OWN if isinstance(e, Effect)))
 
 
 def relatives() -> tuple[Relative, ...]:

@@ -18,7 +18,7 @@ from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import not_a_block
 
-PLACES = ("output", "input", "drive", "across", "load", "brake")
+PLACES = ("output", "input", "drive", "across", "load", "brake", "transmission", "deflection")
 """Where an effect may be inserted.
 
 ``output``: on the wire of a measured output. ``input``: on the wire of a measured input. ``drive``: on the wire that

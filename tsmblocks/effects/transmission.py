@@ -1,0 +1,48 @@
+"""Effects inside a transmission: between two of its parts, or in the deflection of an elastic part."""
+
+from __future__ import annotations
+
+import attrs
+
+from tsmblocks.effects.effect import Effect
+from tsmblocks.effects.loop import BACKLASH, HYSTERESIS
+from tsmblocks.effects.maps import ODD, SOFT_DEAD_ZONE
+from tsmblocks.effects.sizes import in_proportion
+from tsmblocks.effects.trials import Scales, Trials
+
+
+def _gap_trials(scales: Scales) -> Trials:
+    """A gap takes up deflection that the force would make: the model without it deflects less."""
+    reach = scales.wire.reach
+    shapes = tuple({"half_width": share * reach, "softness": 0.05 * share * reach} for share in (0.1, 0.3, 1.0, 3.0))
+    middle, softness = (-10 * reach, 10 * reach), (1e-4 * reach, 3 * reach)
+    return Trials({}, shapes, bounds={"half_width": (0.0, 30 * reach), "centre": middle, "softness": softness})
+
+
+def _inside(effect: Effect, words: str) -> Effect:
+    """The variant of an effect that acts between two parts of the transmission."""
+    return attrs.evolve(effect, words=words, place="transmission", variant="inside", other_words={})
+
+
+def _of_deflection(effect: Effect, words: str) -> Effect:
+    """The variant of an effect that acts on the deflection of an elastic part."""
+    return attrs.evolve(effect, words=words, place="deflection", variant="deflection", other_words={})
+
+
+GAP = attrs.evolve(
+    SOFT_DEAD_ZONE,
+    name=BACKLASH.name,
+    family=BACKLASH.family,
+    trials=_gap_trials,
+    excites="reversals of the force that the elastic part transmits",
+    confused=("hysteresis", "odd_nonlinearity"),
+    separates="both of its ends measured: within the gap one moves and the other does not",
+    sizes=(in_proportion("gap width", "half_width", factor=2.0),),
+)
+EFFECTS = (
+    _inside(BACKLASH, "a backlash gap inside the transmission"),
+    _inside(HYSTERESIS, "hysteresis inside the transmission"),
+    _of_deflection(GAP, "a backlash gap in the elastic transmission"),
+    _of_deflection(ODD, "a stiffness that changes with the deflection"),
+    _of_deflection(HYSTERESIS, "hysteresis of the elastic transmission"),
+)
