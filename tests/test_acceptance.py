@@ -13,13 +13,14 @@ SEARCH = SimpleNamespace(blocks=SimpleNamespace(sizes=np.ones(1)), noise=NoiseLe
 EFFECTS = {(one.name, one.variant): one for one in catalogue()}
 
 
-def rounds(losses, effects, significance=3.0):
-    """Rounds that begin with these losses and name these effects."""
+def rounds(losses, effects, significance=3.0, outputs=None):
+    """Rounds that begin with these losses and name these effects; ``outputs`` are the losses of each output."""
     made = []
-    for loss, one in zip(losses, [*effects, None], strict=True):
+    for loss, one, each in zip(losses, [*effects, None], outputs or [[k] for k in losses], strict=True):
         named = None if one is None else SimpleNamespace(candidate=SimpleNamespace(effect=EFFECTS[one]))
         verdict = SimpleNamespace(named=named, significance=significance, out_of_bounds_loss=np.inf)
-        made.append(SimpleNamespace(losses=np.array([loss]), verdict=verdict))
+        base = SimpleNamespace(residual_rms={f"y{k}": one**0.5 for k, one in enumerate(each)})
+        made.append(SimpleNamespace(losses=np.array([loss]), verdict=verdict, base=base))
     return made
 
 
@@ -44,6 +45,18 @@ def test_a_second_oscillation_has_another_period():
 
 def test_the_same_again_is_accepted_where_it_is_large():
     assert accepted_count(rounds([9.0, 3.0, 1.0], [DRIFT, DRIFT]), SEARCH) == 2
+
+
+@pytest.mark.parametrize(
+    ("outputs", "count"),
+    [
+        pytest.param([[1e7, 1e4], [40.0, 40.0], [35.0, 5.0]], 2, id="an output is left with a fraction of its error"),
+        pytest.param([[1e7, 1e7], [40.0, 40.0], [20.0, 20.0]], 1, id="next to nothing of either"),
+    ],
+)
+def test_an_effect_is_no_error_of_form_that_is_material_in_one_output(outputs, count):
+    losses = [sum(each) / 2 for each in outputs]
+    assert accepted_count(rounds(losses, [FRICTION, ("dead_time", "")], 1.9, outputs), SEARCH) == count
 
 
 def test_a_small_second_effect_has_to_be_clearly_significant():

@@ -4,6 +4,7 @@ from typing import Any
 
 from tsmblocks.blocks.arithmetic import Abs as Abs
 from tsmblocks.blocks.arithmetic import Convert as Convert
+from tsmblocks.blocks.arithmetic import Cos as Cos
 from tsmblocks.blocks.arithmetic import Divide as Divide
 from tsmblocks.blocks.arithmetic import Gain as Gain
 from tsmblocks.blocks.arithmetic import Maximum as Maximum
@@ -11,6 +12,7 @@ from tsmblocks.blocks.arithmetic import Minimum as Minimum
 from tsmblocks.blocks.arithmetic import Power as Power
 from tsmblocks.blocks.arithmetic import Product as Product
 from tsmblocks.blocks.arithmetic import Sign as Sign
+from tsmblocks.blocks.arithmetic import Sin as Sin
 from tsmblocks.blocks.arithmetic import Square as Square
 from tsmblocks.blocks.arithmetic import Sum as Sum
 from tsmblocks.blocks.arithmetic import Switch as Switch

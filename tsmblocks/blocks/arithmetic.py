@@ -208,6 +208,40 @@ class Tanh(Block):
 
 
 @block
+class Sin(Block):
+    r"""Sine of an angle, as in the torque of gravity on a link.
+
+    .. math:: y = \sin u
+    """
+
+    source = "definition"
+    symbol = "sin"
+
+    u = Input("angle", unit="rad")
+    y = Output("value between -1 and 1", unit="1")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=ca.sin(u.u))
+
+
+@block
+class Cos(Block):
+    r"""Cosine of an angle, as in the arm of a force on a crank.
+
+    .. math:: y = \cos u
+    """
+
+    source = "definition"
+    symbol = "cos"
+
+    u = Input("angle", unit="rad")
+    y = Output("value between -1 and 1", unit="1")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=ca.cos(u.u))
+
+
+@block
 class Convert(Block):
     r"""The same quantity in another unit.
 

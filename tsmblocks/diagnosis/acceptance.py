@@ -23,8 +23,9 @@ MIN_SHARE_OF_REMOVED = 0.15
 """Share of all that was removed below which a further effect is taken for an error of form of the effects before.
 Chosen: catalogue blocks and real effects differ in form by about as much."""
 MIN_SHARE_BESIDE = 1e-3
-"""Share of all that was removed below which that holds however large it is beside the noise. Chosen: the smoothed sign
-of a friction leaves more of a mechanism that sticks, where the noise is a hundred thousandth of the motion."""
+"""Share of all that was removed, in every output, below which that holds however large it is beside the noise. Chosen:
+the smoothed sign of a friction leaves more of a mechanism that sticks, where the noise is a hundred thousandth of the
+motion."""
 CLEAR_SIGNIFICANCE = 2.0
 """t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
 Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
@@ -59,7 +60,7 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             count = k if first or joint_share >= MIN_JOINT_SHARE else count
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
             small = removed < MIN_SHARE_OF_REMOVED * (before - losses[k])
-            large = large and removed >= MIN_SHARE_BESIDE * (before - losses[k])
+            large = large and _is_beside(rounds, k, removed / (before - losses[k]))
             complete = share_of_rest >= MIN_JOINT_SHARE
             count = k if large or not (small and _is_error_of_form(rounds, k - 1, complete)) else count
         elif count < k - 1:  # with those in between that were not accepted alone
@@ -67,6 +68,18 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             material = together >= MIN_SHARE_OF_REMOVED * (before - losses[k])
             count = k if material and together >= MIN_JOINT_SHARE * (losses[count] - noise) else count
     return count
+
+
+def _is_beside(rounds: Sequence[SearchRound], k: int, share: float) -> bool:
+    """Whether effect ``k`` removes no mere trifle of all that was removed, in which it has a ``share``, or of an output.
+
+    Of an output it is one as well where it is less than the noise variance.
+    """
+    if share >= MIN_SHARE_BESIDE:
+        return True
+    errors = [np.square(list(rounds[i].base.residual_rms.values())) for i in (0, k - 1, k)]
+    removed, of = errors[1] - errors[2], errors[0] - errors[2]
+    return bool(((removed >= 1) & (of > 0) & (removed >= MIN_SHARE_BESIDE * of)).any())
 
 
 def _is_error_of_form(rounds: Sequence[SearchRound], k: int, complete: bool) -> bool:

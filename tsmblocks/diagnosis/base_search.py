@@ -7,6 +7,11 @@ import numpy as np
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, converged, nearest, optimized
+from tsmblocks.diagnosis.partition import ROUGH_ERROR
+
+LARGER_PART = 0.5
+"""Share of the mean square of a rough base that a better one removes at least. Chosen: candidates are fitted from the
+parameters of the diagram there as well, and a round takes long."""
 
 
 def better_base(base: Model, named: FittedCandidate, noise_variance: float) -> Model | None:
@@ -21,7 +26,8 @@ def better_base(base: Model, named: FittedCandidate, noise_variance: float) -> M
     if np.array_equal(start, base.theta) or not np.isfinite(base.problem.cost(start)):
         return None
     found = optimized(base.problem, base.setup, start, coarse=False)
-    material = MIN_VARIANCE_REDUCTION * noise_variance
+    rough = base.mean_square > ROUGH_ERROR
+    material = LARGER_PART * base.mean_square if rough else MIN_VARIANCE_REDUCTION * noise_variance
     if found.mean_square > base.mean_square - material:
         return None
     return nearest(refine_memories(converged(found)))

@@ -15,7 +15,7 @@ import numpy as np
 from tsmblocks.data import Record
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.fitting.held_inputs import CLEAR, MAX_DISTANCE, Alternative, alternative, residuals_held
+from tsmblocks.fitting.held_inputs import MAX_DISTANCE, Alternative, alternative, residuals_held
 from tsmblocks.fitting.setup import Setup
 
 ROUGH_DISTANCE = 0.7
@@ -95,7 +95,7 @@ def confirmed(model: Model, before: Setup) -> bool:
     if made.samples != model.problem.samples or len(made.experiments) != len(model.problem.experiments):
         return True  # its pieces are others
     one = _beside(model, made.residuals(model.theta))
-    return one is None or abs(one.share) <= MAX_DISTANCE or abs(one.clear) < CLEAR
+    return one is None or not one.is_refuted(MAX_DISTANCE)
 
 
 def _beside(model: Model, other: np.ndarray | None) -> Alternative | None:
@@ -103,7 +103,8 @@ def _beside(model: Model, other: np.ndarray | None) -> Alternative | None:
     if other is None:
         return None
     bounds = np.eye(model.J.shape[1])[model.at_bound]
-    return alternative(model.J, model.r, other, model.problem.segments, bounds if len(bounds) else None)
+    held, count = bounds if len(bounds) else None, len(model.setup.outputs)
+    return alternative(model.J, model.r, other, model.problem.segments, held, count)
 
 
 def _alternatives(name: str, filtered: Collection[str], may_be_held: Collection[str]) -> Iterator[Commands]:

@@ -6,7 +6,7 @@ the one or the other differs by half a sample of delay, and the outputs tell whi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import attrs
 import numpy as np
@@ -35,41 +35,59 @@ def residuals_held(problem: Problem, setup: Setup, theta: np.ndarray, name: str)
 
 @attrs.frozen
 class Alternative:
-    """Another way to simulate inputs beside a model: its share, how clear of 0 that is, and what it would leave.
+    """Another way to simulate inputs beside a model: its share in each output, and what it would leave.
 
-    ``share`` is 1 where it is right and 0 where the model is; ``clear`` is the share in its standard deviations;
-    ``rest`` the sum of squares with it.
+    ``shares`` are 1 where it is right and 0 where the model is; ``errors`` are their standard deviations; ``rest`` is
+    the sum of squares with it.
     """
 
-    share: float
-    clear: float
+    shares: tuple[float, ...]
+    errors: tuple[float, ...]
     rest: float
 
     def is_near(self, distance: float) -> bool:
-        """Whether its share is near 1 and clear of 0."""
-        return abs(self.share - 1) <= distance and self.clear > CLEAR
+        """Whether an output shows a share near 1, clear of 0, and no other clearly less.
+
+        More than 1 is what a further lag or dead time of one output makes of it.
+        """
+        shown = self._where(lambda share, error: abs(share) > CLEAR * error)
+        return any(abs(share - 1) <= distance for share in shown) and min(shown) >= 1 - distance
+
+    def is_refuted(self, distance: float) -> bool:
+        """Whether the outputs show a share away from 0, and none of them one near 0."""
+        shown = self._where(lambda share, error: abs(share) > CLEAR * error)
+        near = self._where(lambda share, error: abs(share) <= distance and CLEAR * error < 1)
+        return any(abs(share) > distance for share in shown) and not near
+
+    def _where(self, condition: Callable[[float, float], bool]) -> list[float]:
+        """The shares for which a condition on them and their standard deviations holds, of those that have one."""
+        pairs = zip(self.shares, self.errors, strict=True)
+        return [share for share, error in pairs if 0 < error < np.inf and condition(share, error)]
 
 
 def alternative(
-    J: Jacobian, r: np.ndarray, other: np.ndarray, segments: Sequence[slice], held: np.ndarray | None
+    J: Jacobian, r: np.ndarray, other: np.ndarray, segments: Sequence[slice], held: np.ndarray | None, count: int
 ) -> Alternative | None:
     r"""The alternative whose residuals are ``other`` (N,) beside a model with residuals ``r``; None where equal.
 
-    It is added to the residuals with a share :math:`\alpha` beside the parameters, to first order:
+    It is added to the residuals of each output with a share :math:`\alpha` beside the parameters, to first order:
 
     .. math:: r + \alpha (r_\mathrm{other} - r) + J \, \Delta\theta
 
-    ``J`` (N, p) is the Jacobian, ``held`` (m, p) the gradients of active bounds.
+    ``J`` (N, p) is the Jacobian, ``held`` (m, p) the gradients of active bounds; the ``segments`` are those of each
+    experiment, and in it of each of ``count`` outputs.
     """
     if not np.isfinite(other).all() or np.array_equal(other, r):
         return None
-    n = J.shape[1]
-    both = attrs.evolve(J, common=np.column_stack([J.common, other - r]), common_columns=np.append(J.common_columns, n))
-    bounds = None if held is None else np.pad(held, ((0, 0), (0, 1)))
-    share = float(moved(both, r, held=bounds)[-1])
-    error = float(uncertainty(both, r, segments, held=bounds).errors[-1])
-    clear = share / error if 0 < error < np.inf else 0.0
-    return Alternative(share, clear, square(other + J @ moved(J, other, held=held)))
+    n, change = J.shape[1], np.zeros((len(r), count))
+    for k, rows in enumerate(segments):
+        change[rows, k % count] = (other - r)[rows]
+    columns = np.append(J.common_columns, n + np.arange(count))
+    both = attrs.evolve(J, common=np.column_stack([J.common, change]), common_columns=columns)
+    bounds = None if held is None else np.pad(held, ((0, 0), (0, count)))
+    shares = moved(both, r, held=bounds)[n:]
+    errors = uncertainty(both, r, segments, held=bounds).errors[n:]
+    return Alternative(tuple(shares.tolist()), tuple(errors.tolist()), square(other + J @ moved(J, other, held=held)))
 
 
 def held_input_notes(
@@ -84,7 +102,7 @@ def held_input_notes(
     """A note on each of some inputs that the outputs show to be held between samples."""
     for name in may_be_held:
         other = residuals_held(problem, setup, theta, name)
-        one = None if other is None else alternative(J, r, other, problem.segments, held)
+        one = None if other is None else alternative(J, r, other, problem.segments, held, len(setup.outputs))
         if one is not None and one.is_near(MAX_DISTANCE) and one.rest < square(r):
             yield (
                 f"the outputs agree with {name} held between samples, as at the output of a sampled controller, and "

@@ -211,7 +211,7 @@ def _input_noise_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str
     if not inputs:
         return []
     residuals = filtered.residuals(at.theta)
-    other = alternative(at.jacobian, at.residuals, residuals, problem.segments, at.rows)
+    other = alternative(at.jacobian, at.residuals, residuals, problem.segments, at.rows, len(setup.outputs))
     if other is not None and other.rest > DRIVES * square(at.residuals):  # a command
         return []
     return input_noise_note(problem.unknowns.names, _moved(at, residuals), inputs, COVERED)

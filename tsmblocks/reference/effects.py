@@ -33,6 +33,8 @@ PLACES = {
     "drive": "on the wire that sets the output in motion (a force, a voltage)",
     "load": "on the wire that sets the output in motion, where it reads the motion as well",
     "brake": "on the wire that sets the output in motion, where that is a speed, which it reads as well",
+    "transmission": "inside the model, on a wire with a position, from one part of a transmission to the next",
+    "deflection": "on the deflection of an elastic part, the difference of two positions that its force moves",
 }
 FAMILIES = {
     "friction": "Forces that resist a motion, subtracted from the force or voltage that drives it.",
@@ -43,13 +45,19 @@ FAMILIES = {
     "time": "Changes over time.",
     "limit": "Limits of speed.",
 }
-PLANTS = {"output": "tendon_sheath_asymmetric", **dict.fromkeys(("drive", "load", "brake"), "motor_linear")}
-"""Shipped diagrams into which the pages insert effects: for those on signals, and for those on drives."""
+PLANTS = {
+    "output": "tendon_sheath_asymmetric",
+    **dict.fromkeys(("drive", "load", "brake"), "motor_linear"),
+    "transmission": "belt_drive",
+    "deflection": "flexible_joint",
+}
+"""Shipped diagrams into which the pages insert effects, by place: those on signals where no other is given."""
 SPEED = {"v": "motor.v"}
 """The measured output of the motor where that is a speed."""
 INPUTS = {
     "x_in": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad"),
     "u": MultiSine(amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(math.pi / 2, math.pi / 2), unit="V"),
+    "torque": MultiSine(amplitudes=(6.0, 3.0), frequencies=(0.2, 0.5), unit="N*m"),
 }
 PLACE_IN_TRIALS = {"position_ripple": 1 / 8}
 """Which of the trials of an effect its page shows, as a share of their list, where it is not the one in the middle: of

@@ -77,6 +77,8 @@ SMOOTH: list[Make] = [
 """Blocks whose outputs are states: a rate of what they give can be formed."""
 BENDING: list[Make] = [
     lambda r: B.Tanh(),
+    lambda r: B.Sin(),
+    lambda r: B.Cos(),
     lambda r: B.Gain(gain=_either(r, 0.2, 2)),
     lambda r: B.Bias(bias=_either(r, 0, 1)),
     lambda r: B.Sum(signs=r.choice(("+", "+-", "++", "-+-", "+++"))),
