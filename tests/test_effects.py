@@ -229,7 +229,7 @@ QUICK = pytest.mark.filterwarnings("ignore::tsmblocks.simulation.stability.StepW
     "name",
     [
         pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name
-        for name in (*SHEATHS, "motor_linear", *LOOPS)
+        for name in (*SHEATHS, "motor_linear", "belt_drive", "flexible_joint", *LOOPS)
     ],
 )
 def test_at_its_null_an_effect_gives_the_diagram_back(name):
@@ -244,7 +244,7 @@ def test_at_its_null_an_effect_gives_the_diagram_back(name):
 
 
 @QUICK
-@pytest.mark.parametrize("name", [*SHEATHS, "motor_linear", *LOOPS[2:]])
+@pytest.mark.parametrize("name", [*SHEATHS, "motor_linear", "belt_drive", "flexible_joint", *LOOPS[2:]])
 def test_every_trial_shows_and_stays_finite(name):
     for effect, site, trials, made in edits(name):
         some = trials.shapes[:: max(len(trials.shapes) // 6, 1)]
@@ -256,7 +256,7 @@ def test_every_trial_shows_and_stays_finite(name):
 
 
 def test_every_effect_finds_a_place():
-    names = ("tendon_sheath_linear", "motor_linear", "motor_speed")
+    names = ("tendon_sheath_linear", "motor_linear", "motor_speed", "belt_drive", "flexible_joint")
     found = {(e.name, e.variant, e.place) for name in names for e, *_ in edits(name)}
     assert found == {(e.name, e.variant, e.place) for e in catalogue()}
 

@@ -44,7 +44,7 @@ def an_effect_at_a_misspelt_place():
 
 @mistake(
     ParameterError,
-    "effect 'louder': there is no place 'sensor'. Known here: across, brake, drive, input, load, output.",
+    "effect 'louder': there is no place 'sensor'. Known here: across, brake, deflection, drive, input, load, output, transmission.",
 )
 def an_effect_at_an_unknown_place():
     effect(place="sensor")

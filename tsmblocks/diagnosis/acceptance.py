@@ -71,9 +71,9 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
 
 
 def _is_beside(rounds: Sequence[SearchRound], k: int, share: float) -> bool:
-    """Whether effect ``k`` removes no mere trifle of all that was removed, in which it has a ``share``, or of an output.
+    """Whether effect ``k`` removes a material ``share`` of all that was removed, or of what was of one output.
 
-    Of an output it is one as well where it is less than the noise variance.
+    What it removes of that output is at least the noise variance.
     """
     if share >= MIN_SHARE_BESIDE:
         return True

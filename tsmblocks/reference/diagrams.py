@@ -20,6 +20,7 @@ DRIVE = {
     "rad": MultiSine(unit="rad"),
     "V": MultiSine(amplitudes=(1.5, 1.5), unit="V"),
     "rad/s": MultiSine(unit="rad/s"),
+    "N*m": MultiSine(amplitudes=(6.0, 3.0), unit="N*m"),
 }
 """Source at the input of an open diagram on its page, by unit."""
 STOP, STEP = 20.0, 1e-3

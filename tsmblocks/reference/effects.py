@@ -278,7 +278,7 @@ class Traces:
 
 def traces(made: Placed) -> Traces:
     """Run the plant with and without the effect."""
-    (output,) = made.diagram.outputs
+    output = made.site.output
     unit_in = made.diagram.unit(output)
     (before, label), (after, _) = (shown(_run(one)[output], unit_in) for one in (made.base, made.diagram))
     labels = {output: f"{output} [{label}]", "residual": f"residual [{label}]"}
