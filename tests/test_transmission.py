@@ -1,0 +1,51 @@
+"""Effects inside a transmission, hidden in recordings that SciPy simulates: a gap in a spring, and one before a belt."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import tsmblocks as tsm
+
+STEP = 2e-3
+NOISE = 2e-5
+T = STEP * np.arange(3000)
+
+
+def torque(t, k):
+    """A torque that turns the joint to and fro, another one in each recording."""
+    return 6.0 * np.sin(2.1 * t + k) + 5.0 * np.sin((7.3 + k) * t) + 3.0 * np.sin(23.0 * t + 1.0 + k)
+
+
+def joint_with_a_gap(k, gap=0.012):
+    """The flexible joint with a gap in series with its spring: within it no torque passes but that of the damper."""
+
+    def rates(t, x):
+        motor, speed, link, link_speed = x
+        stretch = motor - link
+        beyond = stretch - np.clip(stretch, -gap / 2, gap / 2)
+        shaft = 800.0 * beyond + 4.0 * (speed - link_speed)
+        return [
+            speed,
+            2.0 * (torque(t, k) - 5.0 * speed - shaft),
+            link_speed,
+            1.6 * (shaft - 10.0 * np.sin(link)),
+        ]
+
+    done = solve_ivp(rates, (0.0, T[-1]), [0.0, 0.0, 0.0, 0.0], t_eval=T, rtol=1e-8, atol=1e-10, max_step=2e-3)
+    noise = np.random.default_rng(k).normal(0.0, NOISE, (2, len(T)))
+    signals = {"torque": torque(T, k), "theta": done.y[0] + noise[0], "q": done.y[2] + noise[1]}
+    return tsm.Record(f"run{k}", T, signals, {"torque": "N*m", "theta": "rad", "q": "rad"})
+
+
+@pytest.mark.slow
+def test_a_gap_in_a_spring_is_named_with_its_width():
+    model = tsm.load("flexible_joint").with_parameters({"spring.gain": 700.0, "damper.gain": 5.0})
+    free = ["motor_inverse_inertia.gain", "spring.gain", "damper.gain", "link_inverse_inertia.gain", "weight.gain"]
+    found = tsm.diagnose(model, {f"run{k}": joint_with_a_gap(k) for k in range(2)}, free=free)
+    (gap,) = found.effects
+    assert (gap.name, gap.wire) == ("backlash", "twist.y -> spring.u")
+    assert found.complete
+    width = gap.sizes["gap width"]
+    assert width.value == pytest.approx(0.012, rel=0.03)
+    assert width.low <= 0.012 <= width.high
+    assert found.augmented.parameters["spring.gain"] == pytest.approx(800.0, rel=0.01)
