@@ -89,7 +89,7 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
     return (
         f"The {' and '.join(worse)} error with the new model is no smaller. This is no evidence against it: the plant "
         f"is that model itself, so the remaining error ({limit} rms) is the limit of the command: where it would have "
-        f"to jump, as at a reversal to cross a gap, it takes some {1000 * delay:.2g} ms."
+        f"to jump, as at a reversal behind a gap or hysteresis, it takes some {1000 * delay:.2g} ms."
     )
 
 
