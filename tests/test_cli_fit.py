@@ -514,3 +514,44 @@ def test_an_input_that_was_held_between_samples_is_held(tmp_path, capsys):
         found[hold] = one["value"]
     assert found["zero"] == pytest.approx(0.05, rel=1e-3)
     assert found["linear"] == pytest.approx(0.06, abs=1.5e-3)
+
+
+def test_the_noise_that_is_given_weighs_the_outputs(run):
+    """Beside a prior the data count the less, the larger their noise."""
+    words = ["fit", "tendon_sheath_play", "--data", "sheath.csv", "--starts", 1, "--json"]
+    gains = []
+    for sigma in ("0.01deg", "x_out=3deg", "60deg"):
+        status, out, _ = run(*words, "--free", "play.gain", "--prior", "play.gain=0.5:0.01", "--sigma", sigma)
+        assert status == 0
+        (one,) = json.loads(out)["estimates"]
+        gains.append(one["value"])
+    assert gains[0] > gains[1] > gains[2]
+    assert gains[2] == pytest.approx(0.5, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "said"),
+    [
+        pytest.param("loud", "--sigma: 'loud' is not VALUE, VALUE with a unit, or OUTPUT=VALUE", id="no number"),
+        pytest.param("x_uot=1deg", "--sigma: 'x_uot' is not compared here. Did you mean 'x_out'?", id="another output"),
+        pytest.param("1mm", "--sigma 1mm: 'mm' does not convert to that of x_out [rad].", id="another quantity"),
+    ],
+)
+def test_a_noise_that_is_none_is_refused(run, sigma, said):
+    status, out, err = run("fit", "tendon_sheath_play", "--data", "sheath.csv", "--sigma", sigma)
+    assert (status, out) == (2, "")
+    assert said in err
+
+
+def test_models_are_compared_with_some_parameters_free(run):
+    words = ["compare", "play", "linear", "--data", "sheath.csv", "--starts", 1, "--json"]
+    status, out, _ = run(*words, "--free", "play.gain", "gain.*")
+    assert status == 0
+    free = {row["name"]: [one["name"] for one in row["fit"]["estimates"]] for row in json.loads(out)["models"]}
+    assert {name: [k for k in those if "@" not in k] for name, those in free.items()} == {
+        "play": ["play.gain"],
+        "linear": ["gain.gain"],
+    }
+    status, out, err = run(*words, "--free", "play.gian")
+    assert (status, out) == (2, "")
+    assert "--free: no model has a parameter 'play.gian'. Did you mean 'play.gain'?" in err

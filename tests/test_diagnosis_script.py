@@ -153,8 +153,10 @@ def bench(place):
     """A diagram that has a wire of this kind."""
     if place == "brake":
         return tsm.load("motor_linear").rewire(outputs={"v": "motor.v"})
-    names = {"drive": "motor_linear", "load": "motor_linear", "transmission": "belt_drive", "deflection": "flexible_joint"}
-    return tsm.load(names.get(place, "tendon_sheath_linear"))
+    if place in ("drive", "load"):
+        return tsm.load("motor_linear")
+    inside = {"transmission": "belt_drive", "deflection": "flexible_joint"}
+    return tsm.load(inside.get(place, "tendon_sheath_linear"))
 
 
 def outputs_of(diagram):

@@ -1,4 +1,4 @@
-"""Effects inside a transmission, hidden in recordings that SciPy simulates: a gap in a spring, and one before a belt."""
+"""Effects inside a transmission, hidden in recordings that SciPy simulates: a gap in a spring, a play before a belt."""
 
 import numpy as np
 import pytest
@@ -24,12 +24,7 @@ def joint_with_a_gap(k, gap=0.012):
         stretch = motor - link
         beyond = stretch - np.clip(stretch, -gap / 2, gap / 2)
         shaft = 800.0 * beyond + 4.0 * (speed - link_speed)
-        return [
-            speed,
-            2.0 * (torque(t, k) - 5.0 * speed - shaft),
-            link_speed,
-            1.6 * (shaft - 10.0 * np.sin(link)),
-        ]
+        return [speed, 2.0 * (torque(t, k) - 5.0 * speed - shaft), link_speed, 1.6 * (shaft - 10.0 * np.sin(link))]
 
     done = solve_ivp(rates, (0.0, T[-1]), [0.0, 0.0, 0.0, 0.0], t_eval=T, rtol=1e-8, atol=1e-10, max_step=2e-3)
     noise = np.random.default_rng(k).normal(0.0, NOISE, (2, len(T)))
@@ -49,3 +44,30 @@ def test_a_gap_in_a_spring_is_named_with_its_width():
     assert width.value == pytest.approx(0.012, rel=0.03)
     assert width.low <= 0.012 <= width.high
     assert found.augmented.parameters["spring.gain"] == pytest.approx(800.0, rel=0.01)
+
+
+def belt_behind_a_play(k, half_width=0.0004):
+    """The belt drive with a play between pulley and belt: an event at each side, where the pulley moves the belt."""
+    from scipy.signal import lsim
+
+    t = 1e-4 * np.arange(60_000)
+    u = 1.5 * np.sin(2 * np.pi * (0.3 + 0.1 * k) * t + 1.5) + 1.0 * np.sin(2 * np.pi * 1.1 * t + k)
+    motor = tsm.load("belt_drive").blocks["motor"]
+    _, angle, _ = lsim(([motor.gain], [motor.time_constant, 1.0, 0.0]), u, t)
+    before, middle = np.empty_like(t), 0.0
+    for i, x in enumerate(0.02 * angle):
+        middle = max(x - half_width, min(x + half_width, middle))
+        before[i] = middle
+    _, x, _ = lsim(([60.0**2], [1.0, 2 * 0.2 * 60.0, 60.0**2]), before, t)
+    x, at = x[::20] + np.random.default_rng(k).normal(0.0, 1e-6, 3000), t[::20]
+    return tsm.Record(f"run{k}", at, {"u": u[::20], "x": x}, {"u": "V", "x": "m"})
+
+
+@pytest.mark.slow
+def test_a_play_before_a_belt_is_named_with_its_width():
+    records = {f"run{k}": belt_behind_a_play(k) for k in range(2)}
+    found = tsm.diagnose(tsm.load("belt_drive"), records, free=["motor.gain", "belt.omega", "belt.zeta"])
+    (gap,) = found.effects
+    assert (gap.name, gap.wire) == ("backlash", "pulley.y -> belt.u")
+    width = gap.sizes["gap width"]
+    assert width.value == pytest.approx(0.0008, rel=0.03)

@@ -14,16 +14,19 @@ from __future__ import annotations
 import argparse
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from fnmatch import filter as filter_names
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tsmblocks.cli import common, console, recordings
 from tsmblocks.common.atomic_write import replace_figure
+from tsmblocks.common.errors import near
 from tsmblocks.common.tables import line_width
 
 if TYPE_CHECKING:
     from tsmblocks.fitting.comparison import Comparison
+    from tsmblocks.model.diagram import Diagram
 
 HELP = "fit several models to the same recordings and rank them on held-out data"
 
@@ -41,6 +44,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--train", metavar="PART", type=common.share_or_time_range, default=0.5, help=train)
     add("--held-out", metavar="EXPERIMENT", default=[], help="experiments that are not fitted at all", **common.SEVERAL)
+    add("--free", metavar="PATTERN", help="parameters of the models that may change (default: all)", **common.SEVERAL)
     add("--each", action="store_true", help="fit every file separately")
     add("--starts", default=8)
     add("--seed", "--step", "--hold")
@@ -98,14 +102,25 @@ def _compare(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -
     from tsmblocks.fitting.compare import compare
 
     results: dict[str, Comparison] = {}
+    free = _free(args.free, models) if args.free else None
     with console.progress_line(_progress(list(models), len(groups)), quiet=args.json) as progress:
         for name, records in groups.items():
             given = common.passed(args, "train", "held_out", "starts", "seed", "step", "hold")
-            made = compare(models, records, progress=progress, **given)
+            made = compare(models, records, progress=progress, free=free, **given)
             results[name] = recordings.with_option_notes(made, args)
             if results[name].interrupted:
                 break
     return results
+
+
+def _free(patterns: Sequence[str], models: Mapping[str, Diagram]) -> dict[str, list[str]]:
+    """Of the patterns those that name something, by model. Raises UsageError for one that names nothing in any."""
+    found = {name: [p for p in patterns if filter_names(one.parameters, p)] for name, one in models.items()}
+    for pattern in patterns:
+        if not any(pattern in those for those in found.values()):
+            known = [k for one in models.values() for k in one.parameters]
+            raise common.UsageError(f"--free: no model has a parameter '{pattern}'.{near(pattern, known)}")
+    return found
 
 
 def _progress(models: Sequence[str], groups: int) -> Callable[[str, int, float], str]:

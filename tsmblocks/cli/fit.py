@@ -32,6 +32,8 @@ OPTION_NAMES = (
     (r"free=\['([^']+)'\]", r"--free '\1'"),
     (r"\b(segments)=(\d+)", r"--\1 \2"),
     (r"method='(\w+)'", r"--method \1"),
+    (r"\bsigma=", "--sigma "),
+    (r"^sigma\b", "--sigma"),
 )
 """Arguments of the function as messages name them, and the options of the command."""
 
@@ -44,6 +46,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     _parameter_arguments(partial(common.add, parser.add_argument_group("parameters")))
     add = partial(common.add, parser.add_argument_group("search"))
     add("--outputs", "--window")
+    noise = (
+        "rms noise of the outputs that weights them, with its unit: 0.05deg, x_out=0.05deg (default: one output counts "
+        "as it is, several by their spread)"
+    )
+    add("--sigma", metavar="VALUE", type=sigma, default=[], help=noise, **common.SEVERAL)
     method = "gauss-newton (default), ipopt or ga"
     add("--method", default="gauss-newton", help=method, suggests=common.FITS)
     segments = "pieces of multiple shooting, with --method ipopt (default 1)"
@@ -80,6 +87,15 @@ def tie(text: str) -> tuple[str, str]:
     return common.name_and_value(text, "NAME=EXPRESSION, such as alpha2=alpha1")
 
 
+def sigma(text: str) -> str:
+    """The noise of an output: a number, optionally with its unit, optionally for one output."""
+    from tsmblocks.fitting.noise import parsed
+
+    with common.option_names(OPTION_NAMES):
+        parsed(text, "sigma")
+    return text
+
+
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
     from tsmblocks.files import load
@@ -99,6 +115,7 @@ def execute(args: argparse.Namespace) -> int:
             constraints=args.constraint,
             ties=dict(args.tie),
             priors=dict(args.prior),
+            sigma=args.sigma or None,
             progress=progress,
             **common.passed(args, "free", "local", "start_states", "outputs", "window", "method", "segments"),
             **common.passed(args, "starts", "seed", "step", "hold"),
