@@ -53,7 +53,7 @@ def belt_behind_a_play(k, half_width=0.0004):
     t = 1e-4 * np.arange(60_000)
     u = 1.5 * np.sin(2 * np.pi * (0.3 + 0.1 * k) * t + 1.5) + 1.0 * np.sin(2 * np.pi * 1.1 * t + k)
     motor = tsm.load("belt_drive").blocks["motor"]
-    _, angle, _ = lsim(([motor.gain], [motor.time_constant, 1.0, 0.0]), u, t)
+    _, angle, _ = lsim(([motor.K], [motor.tau, 1.0, 0.0]), u, t)
     before, middle = np.empty_like(t), 0.0
     for i, x in enumerate(0.02 * angle):
         middle = max(x - half_width, min(x + half_width, middle))
@@ -66,7 +66,7 @@ def belt_behind_a_play(k, half_width=0.0004):
 @pytest.mark.slow
 def test_a_play_before_a_belt_is_named_with_its_width():
     records = {f"run{k}": belt_behind_a_play(k) for k in range(2)}
-    found = tsm.diagnose(tsm.load("belt_drive"), records, free=["motor.gain", "belt.omega", "belt.zeta"])
+    found = tsm.diagnose(tsm.load("belt_drive"), records, free=["motor.K", "belt.omega", "belt.zeta"])
     (gap,) = found.effects
     assert (gap.name, gap.wire) == ("backlash", "pulley.y -> belt.u")
     width = gap.sizes["gap width"]
