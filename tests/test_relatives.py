@@ -44,7 +44,7 @@ def bench(kind):
     """A diagram with a block of this kind: friction behind a rate, any other block alone."""
     block = kind(low=-0.6, high=0.6) if kind is b.Saturation else kind()
     port = next(iter(block.inports))
-    if port == "x" or kind in (b.Play, b.Saturation):
+    if port == "x" or kind in (b.Play, b.Saturation, b.SecondOrderLag):
         return Diagram(title="one", blocks={"part": block}, inputs={"x": f"part.{port}"}, outputs={"y": "part"})
     return Diagram(
         title="behind a rate",

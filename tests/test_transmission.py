@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import tsmblocks as tsm
+from tsmblocks.blocks import SecondOrderLag
 
 STEP = 2e-3
 NOISE = 2e-5
@@ -71,3 +72,40 @@ def test_a_play_before_a_belt_is_named_with_its_width():
     assert (gap.name, gap.wire) == ("backlash", "pulley.y -> belt.u")
     width = gap.sizes["gap width"]
     assert width.value == pytest.approx(0.0008, rel=0.03)
+
+
+def oscillator_with_a_gap(k, gap=0.02):
+    """A second-order lag whose spring does not pull within a gap, from a state that is not at rest."""
+    t = 5e-3 * np.arange(1600)
+
+    def turned(t):
+        return 0.3 * np.sin(2.0 * t + k) + 0.1 * np.sin((6.1 + k) * t)
+
+    def rates(t, x):
+        stretch = turned(t) - x[0]
+        pull = 900.0 * (stretch - np.clip(stretch, -gap / 2, gap / 2))
+        return [x[1], pull - 6.0 * x[1]]
+
+    start = [0.1 * k, 0.3]
+    done = solve_ivp(rates, (0.0, t[-1]), start, t_eval=t, rtol=1e-8, atol=1e-10, max_step=5e-3)
+    y = done.y[0] + np.random.default_rng(k).normal(0.0, 1e-4, len(t))
+    return tsm.Record(f"run{k}", t, {"x_in": turned(t), "x_out": y}, {"x_in": "rad", "x_out": "rad"})
+
+
+def test_a_gap_in_the_spring_of_a_lag_is_named_with_its_width():
+    model = tsm.Diagram(
+        title="oscillator",
+        blocks={"lag": SecondOrderLag(omega=26.0, zeta=0.15)},
+        inputs={"x_in": tsm.Inlet(("lag.u",), "rad", "")},
+        outputs={"x_out": "lag"},
+    )
+    records = {f"run{k}": oscillator_with_a_gap(k) for k in range(2)}
+    options = dict(free=["lag.omega", "lag.zeta"], effects=["backlash", "hysteresis", "rate_dependence"])
+    found = tsm.diagnose(model, records, **options)
+    (gap,) = found.effects
+    assert (gap.name, gap.block) == ("backlash", "lag")
+    assert found.complete
+    width = gap.sizes["gap width"]
+    assert width.low <= 0.02 <= width.high
+    assert width.value == pytest.approx(0.02, rel=0.01)
+    assert found.augmented.parameters["lag.spring.gain"] == pytest.approx(900.0, rel=0.01)

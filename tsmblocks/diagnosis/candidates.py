@@ -83,6 +83,12 @@ class Candidate:
         return tuple(f"{self.block}.{k}" for k in self.effect.settled)
 
     @property
+    def states_before(self) -> dict[str, str]:
+        """Full names of states of a replacement, and those that they have in the block that it replaces."""
+        pairs = self.effect.relative.states if isinstance(self.effect, Replacement) else {}
+        return {f"{self.block}.{new}": f"{self.block}.{old}" for new, old in pairs.items()}
+
+    @property
     def transition_time(self) -> float:
         """Transition time [s] of a change at one instant."""
         prefix = self.trials.refine.rpartition(".")[0]

@@ -98,9 +98,11 @@ def screening_score(
 def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:
     """The unknowns with the base parameters, the effect at its null, its states at the initial values of the wire."""
     known, first, settled = model.values, wires.initial_values(candidate.point.signal), candidate.initialised_states
-    theta = problem.unknowns.start.copy()
+    theta, before = problem.unknowns.start.copy(), candidate.states_before
     for k, item in enumerate(problem.unknowns.items):
-        if item.name in known and (item.experiment or not candidate.owns(item.parameter)):
+        if (same := f"{before.get(item.parameter)}@{item.experiment}") in known:
+            theta[k] = known[same]
+        elif item.name in known and (item.experiment or not candidate.owns(item.parameter)):
             theta[k] = known[item.name]
         elif item.parameter in settled:
             theta[k] = first[problem.unknowns.experiments.index(item.experiment)]

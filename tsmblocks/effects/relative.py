@@ -51,6 +51,8 @@ class Relative:
         As for ``Effect``.
     sizes : tuple of Size, default ()
         As for ``Effect``.
+    states : mapping of str to str, default {}
+        States of the new block, and those of the old one that are the same under another name.
 
     Examples
     --------
@@ -84,6 +86,7 @@ class Relative:
     within: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
     sizes: tuple[Size, ...] = attrs.field(default=(), repr=False)
+    states: Mapping[str, str] = attrs.field(factory=dict)
 
     def __attrs_post_init__(self) -> None:
         refuse(self, _faults(self))

@@ -9,6 +9,7 @@ import numpy as np
 from tsmblocks.blocks import Saturation, SoftSaturation
 from tsmblocks.effects.relative import Relative
 from tsmblocks.effects.relatives_friction import FRICTION
+from tsmblocks.effects.relatives_linear import RELATIVES_OF_OSCILLATORS
 from tsmblocks.effects.relatives_loops import RELATIVES_OF_LOOPS
 from tsmblocks.effects.sizes import in_proportion
 from tsmblocks.effects.trials import Scales, Trials
@@ -42,5 +43,5 @@ SOFT_SATURATION = Relative(
     sizes=(in_proportion("lower limit", "low"), in_proportion("upper limit", "high")),
 )
 
-RELATIVES: tuple[Relative, ...] = (*FRICTION, *RELATIVES_OF_LOOPS, SOFT_SATURATION)
+RELATIVES: tuple[Relative, ...] = (*FRICTION, *RELATIVES_OF_LOOPS, SOFT_SATURATION, *RELATIVES_OF_OSCILLATORS)
 """All relatives of the toolbox."""
