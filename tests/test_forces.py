@@ -1,18 +1,23 @@
 """A size on a signal that is an acceleration is reported as a force too, or called an acceleration."""
 
+import re
+
 import attrs
+import numpy as np
 import pytest
 
 import tsmblocks as tsm
 from tests.diagnoses import BACKLASH
 from tests.test_report import NAMED, diagnosis
-from tsmblocks.blocks import Gain, Integrator, Sum
+from tsmblocks.blocks import CoulombFriction, Gain, Integrator, Sum
 from tsmblocks.diagnosis.presentation import main_sizes
 from tsmblocks.diagnosis.quantities import as_force
 from tsmblocks.diagnosis.result import Quantity
 from tsmblocks.html.report import page
 
 SIZE = Quantity(0.7959, 0.7946, 0.7972, "m/s^2")
+FORCE = Quantity(795.9, 794.6, 797.2, "m/s^2")
+"""The same over the gain of the cart."""
 
 
 def cart(gain=0.001):
@@ -28,8 +33,8 @@ def cart(gain=0.001):
 @pytest.mark.parametrize(
     ("size", "signal", "diagram", "words"),
     [
-        (SIZE, "inertia.y", cart(), "796 N at the input of inertia"),
-        (SIZE, "inertia.y", cart(-0.001), "796 N at the input of inertia"),
+        (FORCE, "inertia.y", cart(), "795.9 ± 1.3 N at the input of inertia"),
+        (FORCE, "inertia.y", cart(-0.001), "795.9 ± 1.3 N at the input of inertia"),
         (SIZE, "sum.y", cart(), "an acceleration: times the mass, a force"),
         (SIZE, "inertia.y", cart(0.0), "an acceleration: times the mass, a force"),
         (SIZE, "speed.y", cart(), ""),  # an acceleration at which a speed is limited
@@ -39,6 +44,46 @@ def cart(gain=0.001):
 )
 def test_an_acceleration_is_a_force_at_the_input_of_the_gain_before_it(size, signal, diagram, words):
     assert as_force(size, signal, diagram) == words
+
+
+def test_a_force_has_its_own_interval():
+    """That of a fit of the same friction in N, since the estimates of mass and acceleration go together."""
+    model = tsm.Diagram(
+        blocks={"inertia": Gain(gain=0.5, unit="m/s^2"), "speed": Integrator(), "place": Integrator()},
+        wires=["inertia -> speed -> place"],
+        inputs={"force": tsm.Inlet(("inertia.u",), "N", "")},
+        outputs={"x": "place.y"},
+    )
+    t = 0.01 * np.arange(800)
+    force = 3.0 * np.sin(2.1 * t) + 2.0 * np.sin(5.3 * t)
+    speed, places = 0.0, []
+    for k in range(len(t) * 50):  # steps of 0.2 ms: dry friction of 1 N on a mass of 2.5 kg
+        places.append(places[-1] + 2e-4 * speed if places else 0.0)
+        drive = np.interp(2e-4 * k, t, force)
+        faster = speed + 2e-4 * 0.4 * drive
+        speed = np.sign(faster) * max(abs(faster) - 2e-4 * 0.4 * 1.0, 0.0)
+    x = np.array(places[::50]) + np.random.default_rng(0).normal(0.0, 2e-4, t.size)
+    record = tsm.Record("run", t, {"force": force, "x": x}, {"force": "N", "x": "m"})
+    found = tsm.diagnose(model, record, free=["inertia.gain"], effects=["coulomb_friction"], hold="linear")
+    (friction,) = found.effects
+    said = re.fullmatch(r"(\S+) ± (\S+) N at the input of inertia", friction.as_force["friction"])
+    value, half = map(float, said.groups())
+    assert abs(value - 1.0) < 2 * half
+    direct = tsm.fit(
+        tsm.Diagram(
+            blocks={**model.blocks, "net": Sum(signs="+-"), "dry": CoulombFriction(level=0.5, smoothing=0.01)},
+            wires=["net -> inertia -> speed -> place", "speed -> dry -> net.minus"],
+            inputs={"force": tsm.Inlet(("net.plus",), "N", "")},
+            outputs=dict(model.outputs),
+        ),
+        record,
+        free=["inertia.gain", "dry.*"],
+        start_states=True,
+        hold="linear",
+    )
+    (level,) = (one for one in direct.estimates if one.name == "dry.level")
+    assert value == pytest.approx(level.value, rel=2e-3)
+    assert half == pytest.approx((level.high - level.low) / 2, rel=0.3)
 
 
 def test_a_torque_belongs_to_an_angular_acceleration():
@@ -53,8 +98,10 @@ def test_a_torque_belongs_to_an_angular_acceleration():
 
 
 def test_the_force_stands_behind_the_size_everywhere_but_in_the_file():
-    friction = attrs.evolve(BACKLASH, sizes={"friction": SIZE}, as_force={"friction": "796 N at the input of inertia"})
-    words = "0.7959 ± 0.0013 m/s^2, 796 N at the input of inertia"
+    friction = attrs.evolve(
+        BACKLASH, sizes={"friction": SIZE}, as_force={"friction": "795.9 ± 1.3 N at the input of inertia"}
+    )
+    words = "0.7959 ± 0.0013 m/s^2, 795.9 ± 1.3 N at the input of inertia"
     assert main_sizes(friction, NAMED) == [f"friction {words}"]
     whole = diagnosis(attrs.evolve(NAMED, effects=(friction,)))
     assert f"  friction  {words}\n" in str(whole)

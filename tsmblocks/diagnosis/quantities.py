@@ -14,7 +14,7 @@ from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.plain_values import limit_quantity
-from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.result import DetectionLimit, Quantity
 from tsmblocks.effects.effect import sizes_of
 from tsmblocks.fitting.recordings import as_recorded
@@ -100,8 +100,37 @@ class Estimate:
         wider = ndtri((1 + LEVEL ** (1 / max(len(own), 1))) / 2) / ndtri((1 + LEVEL) / 2)
         return not own or any(abs(one.value) > wider * (one.high - one.low) / 2 for one in own)
 
+    def forces(self, candidate: Candidate) -> dict[str, str]:
+        """In phrases what sizes that are accelerations are as forces, by the name of the size."""
+        diagram, found = self.model.fitted_diagram, {}
+        own = {one: k for k, one in enumerate(self.model.problem.unknowns.names) if "@" not in one}
+        for name, size in self.sizes(candidate).items():
+            gain = _gain_of_force(size, candidate.point.signal, diagram)
+            if gain and gain in own and "@" not in name:
+                size = self._over(candidate, name, own[gain], own)
+            elif gain:
+                size = _divided(size, abs(diagram.parameters[gain]))
+            if text := as_force(size, candidate.point.signal, diagram):
+                found[name] = text
+        return found
+
+    def _over(self, candidate: Candidate, name: str, gain: int, own: Mapping[str, int]) -> Quantity:
+        """A size over the gain in a column, with its interval."""
+        columns = {k.removeprefix(f"{candidate.block}."): own[k] for k in candidate.free if k in own}
+        value, unit, gradient = self._gradients(candidate, columns)[name]
+        by, at = self.model.theta[gain], [*columns.values(), gain]
+        return self._quantity(value / abs(by), unit, np.append(gradient, -value / by) / abs(by), at)
+
     def _sizes(self, candidate: Candidate, columns: Mapping[str, int]) -> dict[str, tuple[Quantity, set[int]]]:
         """Sizes with the parameters in some columns, each with the columns that it depends on."""
+        at = list(columns.values())
+        return {
+            name: (self._quantity(value, unit, gradient, at), {at[k] for k in np.flatnonzero(gradient)})
+            for name, (value, unit, gradient) in self._gradients(candidate, columns).items()
+        }
+
+    def _gradients(self, candidate: Candidate, columns: Mapping[str, int]) -> dict[str, tuple[float, str, np.ndarray]]:
+        """Sizes with the parameters in some columns, with their units and gradients by these parameters."""
         at, units = list(columns.values()), _units(candidate, self.recorded)
         theta, wide = self.model.theta[at], np.sqrt(np.diag(self.covariance)[at])
         values = _sizes(candidate, columns, theta, units)
@@ -115,7 +144,7 @@ class Estimate:
             if not all(name in side for both in sides for side in both):
                 continue
             gradient = np.array([(up[name][0] - down[name][0]) for up, down in sides]) / (2 * steps)
-            found[name] = (self._quantity(value, unit, gradient, at), {at[k] for k in np.flatnonzero(gradient)})
+            found[name] = value, unit, gradient
         return found
 
     def _quantity(self, value: float, unit: str, gradient: np.ndarray, at: Sequence[int]) -> Quantity:
@@ -205,17 +234,34 @@ def _units(candidate: Candidate, recorded: Mapping[str, str]) -> tuple[str, str]
 def as_force(size: Quantity, signal: str, diagram: Diagram) -> str:
     """What a size on a signal that is an acceleration is as a force, in a phrase; empty for any other.
 
-    Behind a gain, as that of 1/m, it is the size over the gain at the input of that block.
+    Behind a gain, as that of 1/m, ``size`` is that over the gain, at the input of its block.
     """
-    dimensions = [parse(unit).dimension for unit in (size.unit, unit_of_signal(diagram, signal)) if is_unit(unit)]
-    if len(dimensions) < 2 or dimensions[0] != dimensions[1] or dimensions[0] not in FORCES:
+    if gain := _gain_of_force(size, signal, diagram):
+        name = gain.rpartition(".")[0]
+        unit = unit_of_signal(diagram, f"{name}.u")
+        return f"{with_interval(attrs.evolve(size, unit=unit))} at the input of {name}"
+    if not _is_acceleration(size, signal, diagram):
         return ""
+    by, force = FORCES[parse(size.unit).dimension]
+    return f"an acceleration: times the {by}, a {force}"
+
+
+def _is_acceleration(size: Quantity, signal: str, diagram: Diagram) -> bool:
+    """Whether a size on a signal is an acceleration, as the signal is."""
+    dimensions = [parse(unit).dimension for unit in (size.unit, unit_of_signal(diagram, signal)) if is_unit(unit)]
+    return len(dimensions) == 2 and dimensions[0] == dimensions[1] and dimensions[0] in FORCES
+
+
+def _gain_of_force(size: Quantity, signal: str, diagram: Diagram) -> str:
+    """The parameter by which a force becomes the acceleration that a size is; empty where there is none."""
     name = signal.rpartition(".")[0]
     gain, unit = diagram.blocks.get(name), unit_of_signal(diagram, f"{name}.u")
-    if isinstance(gain, Gain) and gain.gain and is_unit(unit) and parse(unit).dimension not in FORCES:
-        return f"{in_display_units(size.value / abs(gain.gain), unit)} at the input of {name}"
-    by, force = FORCES[dimensions[0]]
-    return f"an acceleration: times the {by}, a {force}"
+    behind = isinstance(gain, Gain) and gain.gain and is_unit(unit) and parse(unit).dimension not in FORCES
+    return f"{name}.gain" if behind and _is_acceleration(size, signal, diagram) else ""
+
+
+def _divided(size: Quantity, by: float) -> Quantity:
+    return attrs.evolve(size, value=size.value / by, low=size.low / by, high=size.high / by)
 
 
 def acceleration_note(limits: Iterable[DetectionLimit]) -> str:

@@ -15,7 +15,7 @@ from tsmblocks.diagnosis.discrimination import separating_experiment
 from tsmblocks.diagnosis.limits import detection_limits
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram, rows_of_experiments
-from tsmblocks.diagnosis.quantities import Estimate, as_force, recorded_units
+from tsmblocks.diagnosis.quantities import Estimate, recorded_units
 from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.rejection import alternatives_to, why_named
@@ -111,7 +111,6 @@ def _named(
     points = [in_whole_diagram(one.point, diagnosed.part) for one in (candidate, *same_name)]
     _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
     here = [one.candidate.effect.variant for one in others if one.candidate.key[::2] == candidate.key[::2]]
-    sizes, final = estimate.sizes(candidate), diagnosed.final.fitted_diagram
     forms = dict.fromkeys(one for one in here if one != effect.variant)
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
@@ -129,11 +128,11 @@ def _named(
         second_frequency(effect.name, also, diagnosed.search.only_frequency)
         or separating_experiment(same, indistinguishable, diagnosed.search.records, diagnosed.search.settings),
         point.code(candidate.block, effect.block),
-        sizes,
+        estimate.sizes(candidate),
         tuple(elsewhere),
         tuple(forms),
         why_named(same, [one for one in others if one is not same]),
-        {name: text for name, one in sizes.items() if (text := as_force(one, candidate.point.signal, final))},
+        estimate.forces(candidate),
     )
 
 
