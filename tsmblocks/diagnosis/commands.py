@@ -14,13 +14,17 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.data.resampling import evenly_sampled
-from tsmblocks.diagnosis.model import Model
-from tsmblocks.fitting.held_inputs import MAX_DISTANCE, Alternative, alternative, residuals_held
+from tsmblocks.diagnosis.model import Model, optimized
+from tsmblocks.fitting.held_inputs import MAX_DISTANCE, Alternative, alternative, residuals_held, setup_held
 from tsmblocks.fitting.setup import Setup
 
 ROUGH_DISTANCE = 0.7
 """Distance from 1 of the share of an alternative up to which a base is fitted with it, to see whether it is right: the
 share is of first order, and the base may be far from its best parameters. Chosen."""
+
+MAX_RISE = 0.05
+"""Relative rise of the mean square up to which a hold explains as much as a named delay. Chosen: a delay that is no
+hold leaves several times as much, and the effect has one parameter more."""
 
 
 @attrs.frozen
@@ -96,6 +100,20 @@ def confirmed(model: Model, before: Setup) -> bool:
         return True  # its pieces are others
     one = _beside(model, made.residuals(model.theta))
     return one is None or not one.is_refuted(MAX_DISTANCE)
+
+
+def commands_instead(base: Model, named: Model, may_be_held: Collection[str]) -> Commands:
+    """The input whose hold explains as much as a delay that was named: half a sample of it is the delay of a hold.
+
+    ``named`` is the model with that effect, ``base`` the one without.
+    """
+    for name in may_be_held:
+        held = setup_held(base.setup, name) if name in base.diagram.inputs else None
+        if held is not None:
+            problem = attrs.evolve(base.problem, experiments=held.experiments)
+            if optimized(problem, held, base.theta).mean_square <= (1 + MAX_RISE) * named.mean_square:
+                return Commands(held=(name,))
+    return NO_COMMANDS
 
 
 def _beside(model: Model, other: np.ndarray | None) -> Alternative | None:

@@ -280,7 +280,7 @@ def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -
     removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered)
     blocks, line = time_blocks(ready.base.problem), only_frequency(ready.records, tuple(inputs))
     data = ready.records, ready.settings, request.effects
-    return SearchContext(*data, blocks, noise, progress, line, removed, ready.check)
+    return SearchContext(*data, blocks, noise, progress, line, removed, ready.check, ready.check_named)
 
 
 def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[SearchRound], list[str], list[Omission]]:

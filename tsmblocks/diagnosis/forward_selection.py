@@ -138,7 +138,10 @@ def _next_round(model: Model, shrinkage: Shrinkage, search: SearchContext, round
     try:
         if shrinkage:
             search.check(model)
-        return search_round(model, shrinkage, search)
+        found = search_round(model, shrinkage, search)
+        if found.verdict.named is not None:
+            search.check_named(model, found.verdict.named)
+        return found
     except (KeyboardInterrupt, OtherCommands):
         if rounds:
             rounds.append(SearchRound(model, *held_out_losses(model, search.blocks, shrinkage), (), Verdict()))

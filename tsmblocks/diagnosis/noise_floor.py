@@ -23,6 +23,9 @@ GIVEN = "given"
 MIN_UPPER_RATIO = 1.4
 """The largest noise that is plausible over an estimated floor, at least. Chosen: noise during a motion may exceed that
 of rests, and the residual of a model that of differences between periods."""
+MAX_SLOW_RATIO = 10.0
+"""The same over a floor that is the fast noise alone. Chosen: slow noise of a sensor is a few times its fast noise; an
+error that is larger, and not predicted, is not called noise."""
 BURST_RATIO = 2.0
 """Mean square of a noise over that of its median time block, at most. Source: 1.4 at most on independent benches whose
 noise comes in bursts, and 1.9 to 3.4 with disturbances that come and go."""
@@ -94,7 +97,7 @@ class NoiseFloors:
         if self.method[output] == GIVEN:
             return 1.0
         if self.method[output] == HIGH_FREQUENCIES:
-            return np.inf
+            return MAX_SLOW_RATIO
         return max(MIN_UPPER_RATIO, self.high.get(output, 0.0) / self.sigma[output])
 
     @property

@@ -6,9 +6,11 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.model import Model, end_at, model_at, optimized
-from tsmblocks.diagnosis.partition import ROUGH_ERROR
 from tsmblocks.fitting.parameter_vector import Unknown
 
+FAR_ERROR = 1e3
+"""Mean square [noise variances] of a base from which fits start at the diagram's own parameters as well. Chosen: beside
+an error of 30 times the noise, the stiffness of a shaft with a gap was fitted at half of its value."""
 HELD_WITHIN = 1e-9
 """Relative half width of the bounds of a parameter that is held. Chosen: no output changes by as much as its noise."""
 
@@ -16,10 +18,10 @@ HELD_WITHIN = 1e-9
 def at_own_parameters(model: Model) -> Model | None:
     """A base with the parameters of the diagram, of which initial states alone are fitted.
 
-    None where the base is not rough, or the parameters of the diagram do not simulate. Parameters that were
+    None where the base is near the measurements, or the parameters of the diagram do not simulate. Parameters that were
     fitted without a large effect compensate for it, and from those no fit with the effect may arrive at its optimum.
     """
-    if model.mean_square <= ROUGH_ERROR:
+    if model.mean_square <= FAR_ERROR:
         return None
     unknowns = model.problem.unknowns
     items = [one if one.experiment else _fixed(one) for one in unknowns.items]

@@ -11,7 +11,16 @@ from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request
-from tsmblocks.diagnosis.commands import NO_COMMANDS, ROUGH_DISTANCE, Commands, OtherCommands, confirmed, found_commands
+from tsmblocks.diagnosis.commands import (
+    NO_COMMANDS,
+    ROUGH_DISTANCE,
+    Commands,
+    OtherCommands,
+    commands_instead,
+    confirmed,
+    found_commands,
+)
+from tsmblocks.diagnosis.decision import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.insertion_points import smoothed_inputs
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
@@ -32,6 +41,8 @@ from tsmblocks.fitting.held_inputs import MAX_DISTANCE
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.simulation.compiled import equations
 
+DELAY = "delay"
+"""The family of effects that delay, as a hold does."""
 MAX_ERROR_SHARE = 0.7
 """Residual with held inputs over that without [rms], at most. Chosen: half of the mean square; a gap that is missing
 delays as well, and a hold takes less than that off."""
@@ -61,12 +72,23 @@ class Prepared:
         if found := self.commands_of(model):
             raise OtherCommands(self.commands.joined(found))
 
+    def check_named(self, base: Model, named: FittedCandidate) -> None:
+        """Raise OtherCommands where the hold of an input explains as much as a delay that was named beside ``base``."""
+        if named.candidate.effect.family != DELAY:
+            return
+        if found := commands_instead(base, named.model, self._may_be_held):
+            raise OtherCommands(self.commands.joined(found))
+
+    @property
+    def _may_be_held(self) -> set[str]:
+        """The inputs whose hold was not given, and is not known."""
+        given = hold_of_each(self.request.settings.hold, list(self.request.diagram.inports))
+        return {k for k, hold in given.items() if hold == AUTO and k not in self.commands.held}
+
     def commands_of(self, model: Model, distance: float = MAX_DISTANCE) -> Commands:
         """The inputs that the outputs show to be commands, beyond those that are known."""
-        request = self.request  # inputs of the whole diagram: those that join two parts were measured
-        given = hold_of_each(request.settings.hold, list(request.diagram.inports))
-        may_be_held = {k for k, hold in given.items() if hold == AUTO and k not in self.commands.held}
-        return found_commands(model, self.raw, given.keys() & self.filtered, may_be_held, distance)
+        given = self.request.diagram.inports.keys()  # of the whole: those that join two parts were measured
+        return found_commands(model, self.raw, given & {*self.filtered}, self._may_be_held, distance)
 
     @property
     def error(self) -> float:

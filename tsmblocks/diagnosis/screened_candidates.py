@@ -20,6 +20,8 @@ from tsmblocks.diagnosis.surrogates import surrogates
 from tsmblocks.effects import REPLACED, Effect, Relative
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 
+DEFLECTION = "deflection"
+"""The place of effects in the deflection of a spring."""
 SURROGATES = 99
 """Surrogates of the residual in which every candidate is tried. Chosen: for the run time."""
 MIN_FITTED_CANDIDATES = 3
@@ -73,13 +75,19 @@ def chosen_candidates(
 def worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: SearchContext) -> list[ScreeningScore]:
     """The best candidates, by what exceeds noise: a few in any case, more where their score is near the best.
 
-    Replacements are chosen in addition: they begin at no null, so that their score says less of what they reach.
+    Replacements and effects in the deflection of a spring are chosen in addition: what they reach, with a spring that
+    was fitted without them, is far from what their score says.
     """
     best = scores[0].gain if scores else 0.0
     least = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
     some = various(sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain))[:MAX_FITTED_CANDIDATES]
-    chosen = [one for one in scores if one in some or one.candidate.effect.place == REPLACED]
-    return [score for k, score in enumerate(chosen) if k < MIN_FITTED_CANDIDATES or score.gain > least]
+    chosen = [one for one in scores if one in some or one.candidate.effect.place in (REPLACED, DEFLECTION)]
+    least_of = {DEFLECTION: 0.0}
+    return [
+        score
+        for k, score in enumerate(chosen)
+        if k < MIN_FITTED_CANDIDATES or score.gain > least_of.get(score.candidate.effect.place, least)
+    ]
 
 
 def various(scores: Sequence[ScreeningScore]) -> list[ScreeningScore]:

@@ -53,7 +53,8 @@ class SearchContext:
 
     ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback. ``only_frequency``
     is the one frequency [Hz] of all recordings, None where there are several. ``input_noise`` is the rms noise that was
-    filtered out of each input. ``check`` raises OtherCommands where a model with effects shows inputs to be commands.
+    filtered out of each input. ``check`` raises OtherCommands where a model with effects shows inputs to be commands,
+    and ``check_named`` where a command explains as much as an effect that was named.
     """
 
     records: Mapping[str, Record]
@@ -65,6 +66,7 @@ class SearchContext:
     only_frequency: float | None = None
     input_noise: Mapping[str, float] = attrs.field(factory=dict)
     check: Callable[[Model], None] = lambda _: None
+    check_named: Callable[[Model, FittedCandidate], None] = lambda *_: None
 
     @property
     def noise_variance(self) -> float:

@@ -25,12 +25,18 @@ CLEAR = 4.0
 otherwise on a doubt."""
 
 
-def residuals_held(problem: Problem, setup: Setup, theta: np.ndarray, name: str) -> np.ndarray | None:
-    """Residuals (N,) with an input held between samples; None where they are the same, or a rate of it is needed."""
+def setup_held(setup: Setup, name: str) -> Setup | None:
+    """The setup with an input held between samples; None where it is the same, or a rate of the input is needed."""
     if setup.eq.orders.get(name, 0) or all(one.hold[name] == "zero" for one in setup.experiments):
         return None
     made = (setup.prepared(e, hold={**one.hold, name: "zero"}) for e, one in enumerate(setup.experiments))
-    return attrs.evolve(problem, experiments=tuple(made)).residuals(theta)
+    return attrs.evolve(setup, experiments=tuple(made))
+
+
+def residuals_held(problem: Problem, setup: Setup, theta: np.ndarray, name: str) -> np.ndarray | None:
+    """Residuals (N,) with an input held between samples; None where they are the same, or a rate of it is needed."""
+    held = setup_held(setup, name)
+    return None if held is None else attrs.evolve(problem, experiments=held.experiments).residuals(theta)
 
 
 @attrs.frozen
