@@ -27,8 +27,11 @@ MIN_SHARE_BESIDE = 1e-3
 the smoothed sign of a friction leaves more of a mechanism that sticks, where the noise is a hundred thousandth of the
 motion."""
 MIN_SHARE_INCOMPLETE = 1e-2
-"""The same of an effect that removes less than ``MIN_JOINT_SHARE`` of the rest. Chosen: compliant faces of a gap leave
-a hundredth of it beside a gap with hard ones, and other effects take a part of that."""
+"""The same of an effect that leaves more than noise. Chosen: compliant faces of a gap leave a hundredth of it beside a
+gap with hard ones, and other effects take a part of that."""
+MAX_SLOW_VARIANCE = 10.0
+"""Mean square of what is left over that of the noise floor up to which it may be slow noise. Chosen: three times the
+noise in rms."""
 CLEAR_SIGNIFICANCE = 2.0
 """t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
 Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
@@ -63,7 +66,7 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             count = k if first or joint_share >= MIN_JOINT_SHARE else count
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
             small = removed < MIN_SHARE_OF_REMOVED * (before - losses[k])
-            complete = share_of_rest >= MIN_JOINT_SHARE
+            complete = share_of_rest >= MIN_JOINT_SHARE and _leaves_noise(losses[k - 1], losses[k], search)
             least = MIN_SHARE_BESIDE if complete else MIN_SHARE_INCOMPLETE
             large = large and _is_beside(rounds, k, removed / (before - losses[k]), least)
             count = k if large or not (small and _is_error_of_form(rounds, k - 1, complete)) else count
@@ -72,6 +75,12 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             material = together >= MIN_SHARE_OF_REMOVED * (before - losses[k])
             count = k if material and together >= MIN_JOINT_SHARE * (losses[count] - noise) else count
     return count
+
+
+def _leaves_noise(before: float, after: float, search: SearchContext) -> bool:
+    """Whether an effect leaves no more than slow noise may be, or next to nothing of what was above the noise floor."""
+    floor = search.noise.low
+    return after <= MAX_SLOW_VARIANCE * floor or before - after >= MIN_JOINT_SHARE * (before - floor)
 
 
 def _is_beside(rounds: Sequence[SearchRound], k: int, share: float, least: float) -> bool:
