@@ -30,7 +30,7 @@ MIN_SHARE_INCOMPLETE = 1e-2
 """The same of an effect that leaves more than noise. Chosen: compliant faces of a gap leave a hundredth of it beside a
 gap with hard ones, and other effects take a part of that."""
 MAX_SLOW_VARIANCE = 10.0
-"""Mean square of what is left over that of the noise floor up to which it may be slow noise. Chosen: three times the
+"""Mean square of a residual over that of the noise floor up to which it may be slow noise. Chosen: three times the
 noise in rms."""
 CLEAR_SIGNIFICANCE = 2.0
 """t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
