@@ -38,7 +38,7 @@ def searched(ranking, *, before=2.0, named=None, others=(), critical=2.0, out_of
 
 
 def diagnosed(count=0, noise=1.0):
-    search = SimpleNamespace(noise=SimpleNamespace(least=lambda loss: min(noise, loss)))
+    search = SimpleNamespace(noise=SimpleNamespace(low=min(noise, 1.0), least=lambda loss: min(noise, loss)))
     return SimpleNamespace(count=count, blocks=BLOCKS, noise_variance=noise, search=search)
 
 
@@ -106,6 +106,7 @@ def test_why_an_effect_is_named_rather_than_its_equals():
 def test_a_share_is_at_most_one_and_has_no_value_where_it_has_no_meaning():
     assert share_above_noise(0.5, 2.0, diagnosed()) == 0.5
     assert share_above_noise(1.7, 2.0, diagnosed()) == 1.0
+    assert share_above_noise(1.0, 5.0, diagnosed(noise=4.0)) == 0.25  # slow noise is above the floor
     assert share_above_noise(-0.5, 2.0, diagnosed()) == -0.5
     assert np.isnan(share_above_noise(0.7, 1.0, diagnosed()))
     assert np.isnan(share_above_noise(0.03, 1.04, diagnosed()))  # less above the noise than any effect removes

@@ -136,11 +136,11 @@ def _row(
 
 
 def share_above_noise(gain: float, loss: float, diagnosed: DiagnosedPart) -> float:
-    """A gain over the loss above the noise, at most 1: noise that is overestimated leaves less to remove.
+    """A gain over the loss above the noise floor, at most 1: noise that is overestimated leaves less to remove.
 
     NaN where so little of the loss is above the noise that a share of it has no meaning: less than an effect removes.
     """
-    noise = diagnosed.noise_variance
+    noise = min(diagnosed.noise_variance, diagnosed.search.noise.low)
     least = MIN_VARIANCE_REDUCTION * noise
     share = gain / max(loss - noise, least)
     meaningful = max(loss - noise, gain) >= least and share <= MAX_MEANINGFUL_SHARE
