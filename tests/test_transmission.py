@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 import tsmblocks as tsm
 from tsmblocks.blocks import SecondOrderLag
 
+SLOW_NEEDS = ["diagnosis", "diagrams/flexible_joint.toml", "diagrams/belt_drive.toml"]
 STEP = 2e-3
 NOISE = 2e-5
 T = STEP * np.arange(3000)
