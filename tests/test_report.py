@@ -194,6 +194,11 @@ def test_an_experiment_whose_error_is_far_from_all_others_is_looked_at_alone():
     large = attrs.evolve(gap, experiments=some, noise_floor=0.02)
     (step,) = verdict_text.next_steps(attrs.evolve(NONE, gaps=(large,)))[:1]
     assert "so it excites most of what is missing, or it differs (a parameter, a load, a sensor)." in step
+    both = (large, attrs.evolve(large, output="force"))
+    (step,) = verdict_text.next_steps(attrs.evolve(NONE, gaps=both))[:1]
+    assert step.startswith(
+        "Examine c separately: its errors of x_out and force are 3.0 and 3.0 times those of the other "
+    )
     for calm in ({"a": (0.1,), "c": (0.33,)}, {**some, "c": (0.17,)}, {**some, "b": (0.3,)}):
         assert verdict_text.next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=calm),))) == []
 

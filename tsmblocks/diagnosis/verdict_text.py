@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -228,22 +228,26 @@ def _others_to_try(segment: Segment) -> list[str]:
 
 
 def _odd_experiments(segment: Segment) -> list[str]:
-    """An experiment whose error is far from that of all others: something may have changed in it only."""
-    steps = []
+    """Experiments whose error is far from that of all others: something may have changed in one of them only."""
+    found = dict[tuple[str, str], dict[str, float]]()
     for gap in segment.gaps:
         rms = {name: errors[-1] for name, errors in gap.experiments.items()}
         odd = max(rms, key=lambda name: rms[name], default="")
         others = [value for name, value in rms.items() if name != odd]
         if len(others) >= MIN_OTHERS and rms[odd] > ODD_RATIO * max(others):
-            ratio = rms[odd] / np.median(others)
             # beside a large error of all, it is the motion of this one that excites what is missing
             known = max(others) <= ODD_RATIO * gap.noise_floor or not gap.noise_floor > 0
             why = "something may have changed in it" if known else "it excites most of what is missing, or it differs"
-            steps.append(
-                f"Examine {odd} separately: its error of {gap.output} is {ratio:.1f} times that of the other "
-                f"experiments, so {why} (a parameter, a load, a sensor)."
-            )
-    return steps
+            found.setdefault((odd, why), {})[gap.output] = float(rms[odd] / np.median(others))
+    return [_examine(odd, why, ratios) for (odd, why), ratios in found.items()]
+
+
+def _examine(odd: str, why: str, ratios: Mapping[str, float]) -> str:
+    """The step to examine an experiment: ``ratios`` are its errors over those of the others, by output."""
+    outputs, times = listed(list(ratios)), listed([f"{one:.1f}" for one in ratios.values()])
+    errors = f"its error of {outputs} is {times} times that" if len(ratios) == 1 else ""
+    errors = errors or f"its errors of {outputs} are {times} times those"
+    return f"Examine {odd} separately: {errors} of the other experiments, so {why} (a parameter, a load, a sensor)."
 
 
 def _implausible_floor(segment: Segment) -> str:
