@@ -313,9 +313,10 @@ def smoothed_inputs(diagram: Diagram, outputs: Iterable[str]) -> list[str]:
     """Inputs that drive a motion as a force does: integrated twice before any of the outputs, once before a speed.
 
     These integrations take the fast noise away that a filter would, and the rest of the noise has the frequencies of
-    the motion. A command that is not noise would lose its fast part.
+    the motion. A command that is not noise would lose its fast part. An input that is a position is none of these.
     """
-    return [k for k in diagram.inputs if all(_is_smoothed(diagram, k, output) for output in outputs)]
+    forces = (k for k in diagram.inputs if not _is_one_of(diagram.unit(k), POSITION_DIMENSIONS))
+    return [k for k in forces if all(_is_smoothed(diagram, k, output) for output in outputs)]
 
 
 def _is_smoothed(diagram: Diagram, name: str, output: str) -> bool:

@@ -24,8 +24,10 @@ PLACES = ("output", "input", "drive", "across", "load", "brake", "transmission",
 ``output``: on the wire of a measured output. ``input``: on the wire of a measured input. ``drive``: on the wire that
 drives the measured output (a force, a voltage: two integrations before it, or one where the output is a speed).
 ``load``: there too, and its input ``x`` reads the motion. ``brake``: the same where the measured motion is a speed, by
-its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. An effect made for one diagram
-names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
+its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. ``transmission``: on an inner wire
+with a position, from one part of a transmission to the next. ``deflection``: on the difference of two positions that
+the force there moves, as that of a spring. An effect made for one diagram names its wire instead,
+``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
 QUANTITIES = {
     parse(unit).dimension: kind
     for kind, units in {"position": ("rad", "m"), "speed": ("rad/s", "m/s")}.items()
