@@ -102,6 +102,18 @@ def test_of_equal_ones_that_within_its_bounds_is_named():
     assert at_bound in verdict.indistinguishable
 
 
+def test_a_sharp_corner_is_no_limit_of_a_form():
+    """The best one is named at the bound at which its corner is sharp, as dry friction without smoothing."""
+    sharp, within = stand_in(BASE - 2.0 + 0.02 * NOISE[1]), stand_in(BASE - 1.995 + 0.02 * NOISE[1])
+    item, sharp.candidate.effect.sharp = sharp.model.problem.unknowns.items[1], ("p1",)
+    item.low, item.high = 0.0, 1.0
+    assert (sharp.at_bounds, sharp.at_limit_of_form) == (("p1",), False)
+    assert decide(BASE, [sharp, within], PART, 1.0, 0).named is sharp
+    item.low, item.high = -1.0, 0.0  # as smooth as it may be
+    assert sharp.at_limit_of_form
+    assert decide(BASE, [sharp, within], PART, 1.0, 0).named is within
+
+
 def test_a_significant_one_that_may_not_be_named_is_not():
     unsure = 40.0 * np.array([1.0, -1.0] * 30)
     best, losses = stand_in(BASE - 1.0 - unsure, name="best"), BASE - 0.9 + 0.02 * NOISE[1]

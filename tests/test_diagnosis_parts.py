@@ -199,7 +199,8 @@ def test_wires_of_a_motor_in_front_of_an_elastic_shaft():
     assert ("load", "x", "motor.y", "shaft.y", "motor.y -> shaft.u") in found
     assert ("drive", "x", "u", "", "u -> motor.u") in found
     assert ("load", "x", "u", "motor.y", "u -> motor.u") in found
-    assert len(found) == len(where(tsm.load("motor_linear"), ["x"])) + 2
+    assert ("transmission", "x", "motor.y", "", "motor.y -> shaft.u") in found
+    assert len(found) == len(where(tsm.load("motor_linear"), ["x"])) + 3
     assert integration_count(drive, "motor.y", before="motor.u", after="") == 2
     assert integration_count(drive, "motor.y", before="shaft.u", after="") == -1
 
@@ -615,7 +616,7 @@ def stand_in(losses, count=2, edge=np.inf, name="some", contains=()):
     problem = SimpleNamespace(unknowns=SimpleNamespace(items=items))
     model = SimpleNamespace(theta=np.zeros(count), problem=problem)
     effect = SimpleNamespace(
-        name=name, within=("p0",), below=(), contains=contains, free=("p0", "p1"), local=(), place="output"
+        name=name, within=("p0",), below=(), contains=contains, free=("p0", "p1"), local=(), place="output", sharp=()
     )
     point = SimpleNamespace(before="", output="y")
     candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"), local=(), point=point)
