@@ -26,12 +26,6 @@ MIN_SHARE_BESIDE = 1e-3
 """Share of all that was removed, in every output, below which that holds however large it is beside the noise. Chosen:
 the smoothed sign of a friction leaves more of a mechanism that sticks, where the noise is a hundred thousandth of the
 motion."""
-MIN_SHARE_INCOMPLETE = 1e-2
-"""The same of an effect that leaves more than noise. Chosen: compliant faces of a gap leave a hundredth of it beside a
-gap with hard ones, and other effects take a part of that."""
-MAX_SLOW_VARIANCE = 10.0
-"""Mean square of a residual over that of the noise floor up to which it may be slow noise. Chosen: three times the
-noise in rms."""
 CLEAR_SIGNIFICANCE = 2.0
 """t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
 Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
@@ -66,9 +60,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             count = k if first or joint_share >= MIN_JOINT_SHARE else count
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
             small = removed < MIN_SHARE_OF_REMOVED * (before - losses[k])
-            complete = share_of_rest >= MIN_JOINT_SHARE and _leaves_noise(losses[k - 1], losses[k], search)
-            least = MIN_SHARE_BESIDE if complete else MIN_SHARE_INCOMPLETE
-            large = large and _is_beside(rounds, k, removed / (before - losses[k]), least)
+            complete = share_of_rest >= MIN_JOINT_SHARE
+            large = large and _is_beside(rounds, k, removed / (before - losses[k]))
             count = k if large or not (small and _is_error_of_form(rounds, k - 1, complete)) else count
         elif count < k - 1:  # with those in between that were not accepted alone
             together = losses[count] - losses[k]
@@ -77,22 +70,16 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     return count
 
 
-def _leaves_noise(before: float, after: float, search: SearchContext) -> bool:
-    """Whether an effect leaves no more than slow noise may be, or next to nothing of what was above the noise floor."""
-    floor = search.noise.low
-    return after <= MAX_SLOW_VARIANCE * floor or before - after >= MIN_JOINT_SHARE * (before - floor)
-
-
-def _is_beside(rounds: Sequence[SearchRound], k: int, share: float, least: float) -> bool:
-    """Whether effect ``k`` removes a ``share`` of at ``least`` so much of all that was removed, or of one output.
+def _is_beside(rounds: Sequence[SearchRound], k: int, share: float) -> bool:
+    """Whether effect ``k`` removes a material ``share`` of all that was removed, or of what was of one output.
 
     What it removes of that output is at least the noise variance.
     """
-    if share >= least:
+    if share >= MIN_SHARE_BESIDE:
         return True
     errors = [np.square(list(rounds[i].base.residual_rms.values())) for i in (0, k - 1, k)]
     removed, of = errors[1] - errors[2], errors[0] - errors[2]
-    return bool(((removed >= 1) & (of > 0) & (removed >= least * of)).any())
+    return bool(((removed >= 1) & (of > 0) & (removed >= MIN_SHARE_BESIDE * of)).any())
 
 
 def _is_error_of_form(rounds: Sequence[SearchRound], k: int, complete: bool) -> bool:

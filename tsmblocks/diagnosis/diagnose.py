@@ -102,7 +102,6 @@ def diagnose(
         Whether initial states are estimated for each experiment.
     condition : bool, default True
         Whether noise of measured inputs, which would drive hysteresis, is filtered out (zero phase, held at rest).
-        Inputs that act as forces do, integrated twice before a position, are not filtered.
     seed : int, default 0
         Seed of the random parts: the same data and the same seed give the same result.
     step : float, optional

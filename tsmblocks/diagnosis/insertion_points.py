@@ -309,22 +309,6 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
     return -1
 
 
-def smoothed_inputs(diagram: Diagram, outputs: Iterable[str]) -> list[str]:
-    """Inputs that drive a motion as a force does: integrated twice before any of the outputs, once before a speed.
-
-    These integrations take the fast noise away that a filter would, and the rest of the noise has the frequencies of
-    the motion. A command that is not noise would lose its fast part. An input that is a position is none of these.
-    """
-    forces = (k for k in diagram.inputs if not _is_one_of(diagram.unit(k), POSITION_DIMENSIONS))
-    return [k for k in forces if all(_is_smoothed(diagram, k, output) for output in outputs)]
-
-
-def _is_smoothed(diagram: Diagram, name: str, output: str) -> bool:
-    """Whether an input is integrated often enough before an output, or does not reach it."""
-    count = integration_count(diagram, output, before="", after=name)
-    return count < 0 or count >= FORCE_TO_POSITION - is_speed(diagram.unit(output))
-
-
 def _dependencies(eq: Equations) -> dict[tuple[str, int], set[tuple[str, int]]]:
     """For each signal, derivative and memory: the parameters, states and memories it depends on directly."""
     found: dict[tuple[str, int], set[tuple[str, int]]] = {}

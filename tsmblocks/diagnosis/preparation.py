@@ -22,7 +22,6 @@ from tsmblocks.diagnosis.commands import (
 )
 from tsmblocks.diagnosis.decision import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
-from tsmblocks.diagnosis.insertion_points import smoothed_inputs
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors
 from tsmblocks.diagnosis.partition import (
@@ -111,8 +110,7 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
 def _with_commands(part: Part, request: Request, progress: ProgressCallback, commands: Commands) -> Prepared:
     """The recordings prepared and the base fitted, with no other commands than these."""
     notes = [f"{part.name}: {text}" for text in commands.notes]
-    exact = {*commands.exact, *smoothed_inputs(part.diagram, part.outputs)}
-    filtered = tuple(k for k in part.diagram.inputs if request.condition and k not in exact)
+    filtered = tuple(k for k in part.diagram.inputs if request.condition and k not in commands.exact)
     records, settings = _conditioned(request, filtered, progress, notes), request.settings
     raw, compared = request.records, within_windows(request.records, settings.window)
     floors = noise_floors(compared, part.diagram, part.outputs, request.noise_floors)
