@@ -10,6 +10,8 @@ DERIVATIVES = {
     "observer_on_motor": ["alpha1", "theta", "controller.ki"],
     "loop_around_model": ["alpha2", "delta", "gain.gain"],
     "motor_linear": ["motor.K", "motor.tau", "motor.speed"],
+    "belt_drive": ["motor.K", "motor.tau", "belt.omega", "belt.zeta", "belt.rate"],
+    "flexible_joint": ["motor_inverse_inertia.gain", "spring.gain", "weight.gain", "link_angle.integral"],
     "tendon_sheath_linear": ["gain.gain", "offset.bias"],
     "tendon_sheath_symmetric": ["tsm.beta", "tsm.gamma", "tsm.n", "tsm.A", "tsm.alpha_x"],
     "tendon_sheath_asymmetric": ["tsm.alpha1", "tsm.alpha2", "tsm.A", "tsm.theta", "tsm.delta", "offset.bias"],
