@@ -555,3 +555,11 @@ def test_models_are_compared_with_some_parameters_free(run):
     status, out, err = run(*words, "--free", "play.gian")
     assert (status, out) == (2, "")
     assert "--free: no model has a parameter 'play.gian'. Did you mean 'play.gain'?" in err
+
+
+def test_a_free_parameter_of_a_comparison_is_named_by_its_place_in_a_list(run):
+    words = ["compare", "prandtl_ishlinskii", "--data", "sheath.csv", "--starts", 1, "--json"]
+    status, out, _ = run(*words, "--free", "tsm.weights[1]")
+    assert status == 0
+    (row,) = json.loads(out)["models"]
+    assert [one["name"] for one in row["fit"]["estimates"] if "@" not in one["name"]] == ["tsm.weights[1]"]

@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from fnmatch import filter as filter_names
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -115,7 +114,9 @@ def _compare(args: argparse.Namespace, models: Any, groups: Mapping[str, Any]) -
 
 def _free(patterns: Sequence[str], models: Mapping[str, Diagram]) -> dict[str, list[str]]:
     """Of the patterns those that name something, by model. Raises UsageError for one that names nothing in any."""
-    found = {name: [p for p in patterns if filter_names(one.parameters, p)] for name, one in models.items()}
+    from tsmblocks.fitting.parameters import named_by
+
+    found = {name: [p for p in patterns if named_by(p, one.parameters)] for name, one in models.items()}
     for pattern in patterns:
         if not any(pattern in those for those in found.values()):
             known = [k for one in models.values() for k in one.parameters]

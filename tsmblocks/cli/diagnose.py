@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
 HELP = "name unmodelled effects of a diagram, add them, and report how the residual shrinks"
 OPTION_NAMES = (
-    (r"\bnoise_floor=", "--noise-floor "),
-    (r"^noise_floor\b", "--noise-floor"),
+    *parameters.noise_names("noise_floor"),
     (r"start=\{'([^']+)': …\}", r"another number of \1 in the diagram"),
     (r"\bfree=\['([^']+)'\]", r"--free '\1'"),
     (r"^(free|effects|local|bounds)\b", r"--\1"),
@@ -51,15 +50,6 @@ STAGES = {
 """Stages of a diagnosis in words; the last two come back in every round."""
 
 
-def noise_floor(text: str) -> str:
-    """A noise floor: a number, optionally with its unit, optionally for one output."""
-    from tsmblocks.fitting.noise import parsed
-
-    with common.option_names(OPTION_NAMES):
-        parsed(text)
-    return text
-
-
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.usage = "%(prog)s DIAGRAM --data FILE [FILE ...] [options]"
@@ -71,7 +61,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "recordings, of the diagram and of all outputs, and refused where they differ; default: estimated from the "
         "data)"
     )
-    add("--noise-floor", metavar="VALUE", type=noise_floor, default=[], help=noise, **common.SEVERAL)
+    add(
+        "--noise-floor", metavar="VALUE", type=parameters.noise("noise_floor"), default=[], help=noise, **common.SEVERAL
+    )
     add("--free")
     parameters.local_and_bounds(add)
     add("--set", help="the value from which a parameter starts, or which it keeps")

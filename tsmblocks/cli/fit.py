@@ -32,8 +32,7 @@ OPTION_NAMES = (
     (r"free=\['([^']+)'\]", r"--free '\1'"),
     (r"\b(segments)=(\d+)", r"--\1 \2"),
     (r"method='(\w+)'", r"--method \1"),
-    (r"\bsigma=", "--sigma "),
-    (r"^sigma\b", "--sigma"),
+    *parameters.noise_names("sigma"),
 )
 """Arguments of the function as messages name them, and the options of the command."""
 
@@ -50,7 +49,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "rms noise of the outputs that weights them, with its unit: 0.05deg, x_out=0.05deg (default: one output counts "
         "as it is, several by their spread)"
     )
-    add("--sigma", metavar="VALUE", type=sigma, default=[], help=noise, **common.SEVERAL)
+    add("--sigma", metavar="VALUE", type=parameters.noise("sigma"), default=[], help=noise, **common.SEVERAL)
     method = "gauss-newton (default), ipopt or ga"
     add("--method", default="gauss-newton", help=method, suggests=common.FITS)
     segments = "pieces of multiple shooting, with --method ipopt (default 1)"
@@ -85,15 +84,6 @@ def prior(text: str) -> tuple[str, tuple[float, float]]:
 def tie(text: str) -> tuple[str, str]:
     """``NAME=EXPRESSION``."""
     return common.name_and_value(text, "NAME=EXPRESSION, such as alpha2=alpha1")
-
-
-def sigma(text: str) -> str:
-    """The noise of an output: a number, optionally with its unit, optionally for one output."""
-    from tsmblocks.fitting.noise import parsed
-
-    with common.option_names(OPTION_NAMES):
-        parsed(text, "sigma")
-    return text
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -31,6 +31,25 @@ def bounds(text: str) -> tuple[str, tuple[float | None, float | None]]:
     return name, common.number_range(value, form, text)
 
 
+def noise_names(what: str) -> tuple[tuple[str, str], ...]:
+    """The argument ``what`` that gives noise, as messages name it, and its option."""
+    option = f"--{what.replace('_', '-')}"
+    return (rf"\b{what}=", f"{option} "), (rf"^{what}\b", option)
+
+
+def noise(what: str) -> Callable[[str], str]:
+    """The type of the option that gives noise as argument ``what``: a number, optionally with a unit and an output."""
+
+    def checked(text: str) -> str:
+        from tsmblocks.fitting.noise import parsed
+
+        with common.option_names(noise_names(what)):
+            parsed(text, what)
+        return text
+
+    return checked
+
+
 def with_settings(diagram: Diagram, settings: Iterable[tuple[str, Any]]) -> Diagram:
     """The diagram with the values of --set; one with a unit (``1deg``) is converted to that of its parameter.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Mapping
-from fnmatch import fnmatchcase
 from typing import Any
 
 import attrs
@@ -23,7 +22,7 @@ from tsmblocks.fitting.nearest import nearest_of
 from tsmblocks.fitting.noise import Floor
 from tsmblocks.fitting.optimizer import OptimizerResult, feasible_start, no_progress, within_bounds
 from tsmblocks.fitting.parameter_vector import Unknown
-from tsmblocks.fitting.parameters import numbers, with_initial_values
+from tsmblocks.fitting.parameters import named_by, numbers, with_initial_values
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import FINEST, Setup, pose
 from tsmblocks.fitting.step_size import following, halved
@@ -82,10 +81,10 @@ class ModelSettings:
         """The same for a part of the diagram: of the patterns those that name something in it."""
         free = self.free
         if free is not None:
-            free = tuple(p for p in free if any(fnmatchcase(k, p) for k in diagram.parameters))
+            free = tuple(p for p in free if named_by(p, diagram.parameters))
         known = diagram.parameters
-        bounds = {p: pair for p, pair in self.bounds.items() if any(fnmatchcase(k, p) for k in known)}
-        local = tuple(p for p in self.local if any(fnmatchcase(k, p) for k in known))
+        bounds = {p: pair for p, pair in self.bounds.items() if named_by(p, known)}
+        local = tuple(p for p in self.local if named_by(p, known))
         hold = self.hold
         if isinstance(hold, Mapping):
             hold = {name: one for name, one in hold.items() if name in diagram.inports}

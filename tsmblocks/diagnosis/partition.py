@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
 
 import attrs
 import numpy as np
@@ -13,6 +12,7 @@ from tsmblocks.data import Record
 from tsmblocks.diagnosis.insertion_points import InsertionPoint
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_model
 from tsmblocks.fitting.experiments import Window
+from tsmblocks.fitting.parameters import named_by
 from tsmblocks.model.diagram import Diagram, Inlet
 from tsmblocks.model.wires import Link
 from tsmblocks.simulation.compiled import equations, parameter_vector
@@ -142,7 +142,7 @@ def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings
         return False
     problem, _ = pose_model(diagram, records, settings, settings.free)
     _, J = problem.jacobian(problem.unknowns.start)
-    given = {k for p in settings.local for k in diagram.parameters if fnmatchcase(k, p)}
+    given = {k for p in settings.local for k in named_by(p, diagram.parameters)}
     unknowns, count = problem.unknowns, problem.experiments[0].measured.shape[1]
     kept = np.zeros(len(problem.experiments))
     for e in range(len(kept)):

@@ -100,11 +100,11 @@ class Estimate:
         wider = ndtri((1 + LEVEL ** (1 / max(len(own), 1))) / 2) / ndtri((1 + LEVEL) / 2)
         return not own or any(abs(one.value) > wider * (one.high - one.low) / 2 for one in own)
 
-    def forces(self, candidate: Candidate) -> dict[str, str]:
-        """In phrases what sizes that are accelerations are as forces, by the name of the size."""
+    def forces(self, candidate: Candidate, sizes: Mapping[str, Quantity]) -> dict[str, str]:
+        """In phrases what ``sizes`` of an effect that are accelerations are as forces, by the name of the size."""
         diagram, found = self.model.fitted_diagram, {}
         own = {one: k for k, one in enumerate(self.model.problem.unknowns.names) if "@" not in one}
-        for name, size in self.sizes(candidate).items():
+        for name, size in sizes.items():
             gain = _gain_of_force(size, candidate.point.signal, diagram)
             if gain and gain in own and "@" not in name:
                 size = self._over(candidate, name, own[gain], own)

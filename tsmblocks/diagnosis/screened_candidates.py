@@ -82,12 +82,8 @@ def worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: Search
     least = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
     some = various(sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain))[:MAX_FITTED_CANDIDATES]
     chosen = [one for one in scores if one in some or one.candidate.effect.place in (REPLACED, DEFLECTION)]
-    least_of = {DEFLECTION: 0.0}
-    return [
-        score
-        for k, score in enumerate(chosen)
-        if k < MIN_FITTED_CANDIDATES or score.gain > least_of.get(score.candidate.effect.place, least)
-    ]
+    enough = [score.gain > (0.0 if score.candidate.effect.place == DEFLECTION else least) for score in chosen]
+    return [score for k, score in enumerate(chosen) if k < MIN_FITTED_CANDIDATES or enough[k]]
 
 
 def various(scores: Sequence[ScreeningScore]) -> list[ScreeningScore]:

@@ -245,8 +245,8 @@ def _odd_experiments(segment: Segment) -> list[str]:
 def _examine(odd: str, why: str, ratios: Mapping[str, float]) -> str:
     """The step to examine an experiment: ``ratios`` are its errors over those of the others, by output."""
     outputs, times = listed(list(ratios)), listed([f"{one:.1f}" for one in ratios.values()])
-    errors = f"its error of {outputs} is {times} times that" if len(ratios) == 1 else ""
-    errors = errors or f"its errors of {outputs} are {times} times those"
+    one, several = f"its error of {outputs} is {times} times that", f"its errors of {outputs} are {times} times those"
+    errors = one if len(ratios) == 1 else several
     return f"Examine {odd} separately: {errors} of the other experiments, so {why} (a parameter, a load, a sensor)."
 
 

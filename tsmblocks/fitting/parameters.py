@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -57,17 +57,23 @@ def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free")
         return [name for name in diagram.parameters if name not in endless and not _is_set(known[name])]
     found: set[str] = set()
     for pattern in arguments.as_names(what, patterns, "tsm.*"):
-        hits = [k for k in known if k == pattern]
-        if hits and pattern in endless:
+        hits = named_by(pattern, known)
+        if pattern in known and pattern in endless:
             raise ParameterError(
                 f"{what} '{pattern}': it is infinite, so it cannot be estimated; set a finite value first."
             )
-        hits = hits or [k for k in known if fnmatchcase(k, pattern) and not _is_set(known[k]) and k not in endless]
+        if pattern not in known:
+            hits = [k for k in hits if not _is_set(known[k]) and k not in endless]
         if not hits:
             hint = near_path(pattern, known)
             raise ParameterError(f"{what} '{pattern}' names no parameter of '{diagram.title}'.{hint}")
         found.update(hits)
     return [name for name in known if name in found]
+
+
+def named_by(pattern: str, names: Collection[str]) -> list[str]:
+    """The one of some names that a pattern is, as ``tsm.weights[1]``, or else those that it matches."""
+    return [pattern] if pattern in names else [k for k in names if fnmatchcase(k, pattern)]
 
 
 def is_start(fields: list[Field]) -> bool:
