@@ -13,13 +13,13 @@ from tsmblocks.effects.trials import Scales, Trials
 
 def _gap_trials(scales: Scales) -> Trials:
     """A gap takes up deflection that the force would make: the model without it deflects less."""
-    reach = scales.wire.reach
+    reach, middle = scales.wire.reach, scales.wire.middle
     shapes = tuple(
-        {"half_width": share * reach, "centre": scales.wire.middle, "softness": 0.05 * share * reach}
+        {"half_width": share * reach, "centre": middle, "softness": 0.05 * share * reach}
         for share in (0.1, 0.3, 1.0, 3.0)
     )
-    middle, softness = (-10 * reach, 10 * reach), (1e-4 * reach, 3 * reach)
-    return Trials({}, shapes, bounds={"half_width": (0.0, 30 * reach), "centre": middle, "softness": softness})
+    around, softness = (middle - 10 * reach, middle + 10 * reach), (1e-4 * reach, 3 * reach)
+    return Trials({}, shapes, bounds={"half_width": (0.0, 30 * reach), "centre": around, "softness": softness})
 
 
 def _inside(effect: Effect, words: str) -> Effect:
