@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import tsmblocks as tsm
@@ -177,10 +177,13 @@ SCALES = st.builds(
     st.lists(st.floats(0.3, 20), max_size=6),
     st.booleans(),
 )
+FAR_FROM_ZERO = Span(99.9, 100.1, 0.05, 0.2, 1.0)
+"""A wire that moves little about a large value, as a preloaded spring does."""
 
 
 @pytest.mark.parametrize("effect", catalogue(), ids=lambda e: f"{e.name}-{e.variant}")
 @settings(max_examples=15, deadline=None)
+@example(scales=Scales(FAR_FROM_ZERO, FAR_FROM_ZERO, 0.0, 10.0, 0.01, 10.0))
 @given(scales=SCALES)
 def test_what_is_tried_fits_the_block_and_its_bounds(effect, scales):
     trials = effect.trials(scales)
