@@ -115,7 +115,7 @@ def given_bounds(
     """Bounds given by name or pattern. Raises ParameterError for invalid bounds, or a name that is not free."""
     made: dict[str, tuple[float, float]] = {}
     for pattern, pair in arguments.as_mapping("bounds", given, "'tsm.theta': (0.1, 50.0)").items():
-        hits = [k for k in free if k == pattern] or [k for k in free if fnmatchcase(k, pattern)]
+        hits = named_by(pattern, free)
         if not hits:
             why = "is not free in this fit" if pattern in known else "names no parameter that is free"
             raise ParameterError(f"bounds: '{pattern}' {why}.{near_path(pattern, free)}")
