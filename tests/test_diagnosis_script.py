@@ -10,6 +10,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.blocks import Bias, FirstOrderLag, Gain
 from tsmblocks.diagnosis import script
+from tsmblocks.diagnosis.cautions import do_not_carry_over
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
 from tsmblocks.diagnosis.model_difference import in_code
 from tsmblocks.diagnosis.presentation import fitted_rms, output_traces
@@ -240,6 +241,41 @@ def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
     assert "\nbeware:\n- gain.gain and again.gain are determined only in combination: with " in text
     assert "not determined" in text[text.index("parameters of the diagram, fitted with it:") : text.index("beware:")]
     assert segment.cautions[0] in json.loads(found.to_json())["segments"][0]["cautions"]
+
+
+@pytest.mark.parametrize(
+    ("across", "said"),
+    [
+        ({"creep": None}, []),
+        ({"creep": 0.4, "lag": -0.03}, []),
+        (
+            {"creep": -0.3, "lag": 0.9},
+            [
+                "creep makes the error of experiments that are held out whole larger: its parameters, fitted to the "
+                "others, do not carry over to them."
+            ],
+        ),
+        (
+            {"creep": -0.3, "lag": -2.0},
+            [
+                "creep and lag make the error of experiments that are held out whole larger: their parameters, fitted "
+                "to the others, do not carry over to them."
+            ],
+        ),
+    ],
+)
+def test_effects_that_do_not_carry_over_to_other_experiments_are_told(across, said):
+    assert do_not_carry_over(across) == said
+
+
+def test_effects_that_do_not_carry_over_are_told_with_the_result(found):
+    (segment,) = found.segments
+    (backlash,) = segment.effects
+    assert backlash.across > 0.9
+    assert "held out whole" not in str(found)
+    worse = attrs.evolve(segment, effects=(attrs.evolve(backlash, across=-0.3),))
+    text = str(attrs.evolve(found, segments=(worse,)))
+    assert "- backlash makes the error of experiments that are held out whole larger:" in text
 
 
 # ---- of several parts

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import attrs
 import numpy as np
 
@@ -14,6 +16,25 @@ from tsmblocks.fitting.text import estimate_cautions, tangled
 
 MAX_STATE_CAUTIONS = 2
 """Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
+
+MIN_LOSS_ACROSS = 0.05
+"""Share of the error above the noise floor by which an effect makes it larger on experiments held out, from which that
+is said. Chosen: below it the estimates of the other parameters may be the cause."""
+
+
+def do_not_carry_over(across: Mapping[str, float | None]) -> list[str]:
+    """A caution on effects that make the error of whole experiments held out larger.
+
+    ``across`` has the share of the error above the noise floor that each removes there, by the name of its block.
+    """
+    worse = [block for block, share in across.items() if share is not None and share < -MIN_LOSS_ACROSS]
+    if not worse:
+        return []
+    verb, its = ("makes", "its") if len(worse) == 1 else ("make", "their")
+    return [
+        f"{listed(worse, 4)} {verb} the error of experiments that are held out whole larger: {its} parameters, fitted "
+        "to the others, do not carry over to them."
+    ]
 
 
 def cautions(fit: Fit) -> list[str]:
