@@ -328,7 +328,7 @@ def test_a_terminal_is_told_how_far_the_search_is_and_how_long_the_rest_takes():
     assert limited("tried", 0, 9) == "round 1: screening candidate 1 of 9; ends in 50 s at most"
 
 
-def test_a_time_limit_ends_the_search_with_what_was_found(run, monkeypatch):
+def test_a_time_limit_ends_the_search_with_what_was_found(run, monkeypatch, tmp_path):
     """The clock of the search is turned on when the last round begins."""
     told, clock = stops(monkeypatch, "never"), time.monotonic
     run(*BASE, *FEW)
@@ -342,10 +342,13 @@ def test_a_time_limit_ends_the_search_with_what_was_found(run, monkeypatch):
 
     told.clear()
     monkeypatch.setattr(console, "progress_line", lambda words, quiet: nullcontext(tell))
-    status, out, err = run(*BASE, *FEW, "--time-limit", "1e5")
-    assert status == 130
+    status, out, err = run(*BASE, *FEW, "--time-limit", "1e5", "--out", "found")
+    assert (status, err) == (0, "")  # it is what was asked for
     assert "the search ended at its time limit of 100000 s." in " ".join(out.split())
-    assert "interrupted; these are the results until then." in out
+    assert "ended at the time limit; these are the results until then." in out
+    assert out.startswith("SEARCH ENDED AT ITS TIME LIMIT. ")
+    assert json.loads((tmp_path / "found/diagnosis.json").read_text(encoding="utf-8"))["status"] == "limit"
+    assert "ended at the time limit" in (tmp_path / "found/report.html").read_text(encoding="utf-8")
     monkeypatch.setattr(console, "progress_line", lambda words, quiet: nullcontext(None))
     status, out, err = run(*BASE, *FEW, "--time-limit", "1e-9")
     assert (status, out) == (2, "")

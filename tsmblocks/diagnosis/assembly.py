@@ -31,8 +31,8 @@ VERDICT_RANK = {"named": 2, "unknown": 1, "none": 0}
 """Verdicts by what they say: that of the whole diagram is the highest of its segments."""
 
 
-def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[str], interrupted: bool) -> Diagnosis:
-    """The diagnosis of the whole diagram from those of its parts."""
+def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[str], status: str) -> Diagnosis:
+    """The diagnosis of the whole diagram from those of its parts; ``status`` is how the search ended."""
     diagram = with_initial_values(request.diagram) if request.settings.start_states else request.diagram
     segments = tuple(
         attrs.evolve(
@@ -44,7 +44,7 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
     )
     verdict = max((s.verdict for s in segments), key=lambda v: VERDICT_RANK[v])
     sentences = [s.sentence for s in segments if s.verdict == verdict]
-    if interrupted:
+    if status != "done":
         sentences.insert(0, "Provisional, since the search was stopped before its end:")
     control = _consequence(parts, segments)
     return Diagnosis(
@@ -59,7 +59,7 @@ def assembled(request: Request, parts: Sequence[DiagnosedPart], notes: Sequence[
         _whole_diagram(diagram, parts, with_effects=True),
         None if isinstance(control, str) else control,
         tuple(dict.fromkeys(notes)),
-        "interrupted" if interrupted else "done",
+        status,
         request.spans,
         given=request.diagram,
         simulated=_simulated(request, parts),

@@ -77,7 +77,8 @@ def diagnose(
     on held-out time blocks. It is named where it removes at least 6 % of the noise variance, significantly, and half of
     the error above the noise floor. Effects that are indistinguishable from it with these data are listed beside it.
 
-    After Ctrl-C, or at the time limit, the effects named so far are returned with ``status`` ``"interrupted"``.
+    After Ctrl-C, or at the time limit, the effects named so far are returned with ``status`` ``"interrupted"`` or
+    ``"limit"``.
 
     Parameters
     ----------
@@ -186,7 +187,7 @@ def diagnose(
     if not done:
         raise _without_result(limit) if timed_out else KeyboardInterrupt
     notes += [f"the search ended at its time limit of {limit:g} s."] if timed_out else []
-    return assembled(request, done, notes, interrupted)
+    return assembled(request, done, notes, "limit" if timed_out else "interrupted" if interrupted else "done")
 
 
 def _notes_before(request: Request) -> list[str]:

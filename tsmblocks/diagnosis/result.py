@@ -264,8 +264,8 @@ class Diagnosis:
         Tracking errors with compensators built on both; None where they could not be simulated.
     notes : tuple of str
         Notes on data and model.
-    status : {"done", "interrupted"}
-        ``"interrupted"`` after Ctrl-C: the results until then.
+    status : {"done", "interrupted", "limit"}
+        The results until then: ``"interrupted"`` after Ctrl-C, ``"limit"`` at the time limit.
     windows : mapping of str to pair of float, default {}
         First and last instant compared [s] of each experiment of which a part was compared.
     given : Diagram, optional

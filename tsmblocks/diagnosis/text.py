@@ -55,7 +55,12 @@ MAX_ROWS = 8
 """Candidates of a round that are reported. Chosen."""
 MAX_ROWS_UNNAMED = 3
 """The same for a round in which no effect was named, if others were. Chosen."""
-STATUS = {"done": "the search was completed", "interrupted": "interrupted; these are the results until then"}
+STATUS = {
+    "done": "the search was completed",
+    "interrupted": "interrupted; these are the results until then",
+    "limit": "ended at the time limit; these are the results until then",
+}
+EARLY = {"interrupted": "SEARCH INTERRUPTED. ", "limit": "SEARCH ENDED AT ITS TIME LIMIT. "}
 
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
@@ -63,7 +68,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     n = len(diagnosis.experiments)
     head = f"{diagnosis.diagram or 'diagram'}: {n} experiment{'s' if n > 1 else ''}"
     parts = []
-    early = "SEARCH INTERRUPTED. " if diagnosis.status == "interrupted" else ""
+    early = EARLY.get(diagnosis.status, "")
     for segment in segments_by_verdict(diagnosis):
         parts.append(_filled(f"{early}{verdict_word(segment).upper()}. {verdict_sentence(segment)}"))
         parts += _bullets("next", next_steps(segment))
