@@ -483,6 +483,20 @@ def test_held_out_is_the_exact_refit_of_a_linear_model(pull):
         assert np.abs(got - model.r).max() > 1e-3
 
 
+def test_sizes_of_an_effect_in_single_experiments_are_held_out_as_well():
+    """An effect with a size in each experiment is not judged on the samples that it was fitted to."""
+    model = fitted(local=("offset.bias",), start_states=False)
+    assert model.is_local.sum() == 2
+    part, pull = time_blocks(model.problem), np.where(model.is_local, 1e3, 0.0)
+    null = model.theta + np.where(model.is_local, 0.01, 0.0)
+    got = held_out_residuals(model, part.fold, pull, null)
+    assert got == pytest.approx(refitted(model, part.fold, pull, null), abs=1e-7)
+    whole = held_out_residuals(model, part.experiment, pull, null)  # nothing but the ridge determines its own size
+    assert whole == pytest.approx(refitted(model, part.experiment, pull, null), abs=2e-3)
+    kept = held_out_residuals(model, part.fold, np.zeros(3), null)  # as of the diagram, not of an effect
+    assert np.abs(kept - held_out_residuals(model, part.fold, pull, null)).max() > 1e-4
+
+
 def test_held_out_is_close_to_the_refit_of_the_paper_model():
     model = fitted("tendon_sheath_asymmetric", start_states=False)
     part, n = time_blocks(model.problem), len(model.theta)

@@ -60,11 +60,12 @@ def held_out_residuals(model: Model, fold: np.ndarray, ridge: np.ndarray, null: 
 
     ``fold`` (N,) numbers the folds; ``ridge`` (n,) is the diagonal of :math:`\Lambda`, which shrinks an effect to
     ``null`` (n,) where only the held-out fold excites it: without it the step would grow without bound. A step longer
-    than the size of an effect, beyond which the model is not linear, is shortened.
+    than the size of an effect, beyond which the model is not linear, is shortened. Of the unknowns of single
+    experiments those of effects (with a ridge) are held out as well: otherwise an effect with a size in each would be
+    judged on the samples it was fitted to.
     """
-    common = ~model.is_local & ~model.at_bound
-    J, r = projected_jacobian(model)[:, ~model.at_bound[~model.is_local]], model.r
-    ridge, null, theta = ridge[common], null[common], model.theta[common]
+    columns, J = _held_out_columns(model, (~model.is_local | (ridge > 0)) & ~model.at_bound)
+    r, ridge, null, theta = model.r, ridge[columns], null[columns], model.theta[columns]
     size = np.sqrt(np.einsum("ij,ij->j", J, J))
     size = np.where(size > 0, size, 1.0)
     scaled, diagonal = J / size, ridge / size**2 + REGULARIZATION
@@ -91,10 +92,30 @@ def projected_jacobian(model: Model) -> np.ndarray:
 
 def without_initial_states(model: Model, columns: np.ndarray) -> np.ndarray:
     """Columns (N, m) with the columns of the unknowns of single experiments projected out."""
+    return _projected(model, columns, np.zeros(len(model.theta), dtype=bool))
+
+
+def _held_out_columns(model: Model, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The unknowns ``held`` (n,) as indices (m,), and their columns (N, m) with all other own columns projected out."""
+    common = held[model.J.common_columns]
+    indices, columns = [model.J.common_columns[common]], [model.J.common[:, common]]
+    for block in model.J.own_blocks():
+        own = held[block.columns]
+        if own.any():
+            wide = np.zeros((len(model.r), int(own.sum())))
+            wide[block.rows] = block.values[:, own]
+            indices.append(block.columns[own])
+            columns.append(wide)
+    return np.concatenate(indices), _projected(model, np.concatenate(columns, axis=1), held)
+
+
+def _projected(model: Model, columns: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Columns (N, m) with the columns of single experiments projected out, but for those of unknowns ``held`` (n,)."""
     result = columns.copy()
     for block in model.J.own_blocks():
-        if block.values.size:
-            left_vectors, size, _ = np.linalg.svd(block.values, full_matrices=False)
+        others = block.values[:, ~held[block.columns]]
+        if others.size:
+            left_vectors, size, _ = np.linalg.svd(others, full_matrices=False)
             basis = left_vectors[:, size > 1e-9 * max(float(size.max()), 1e-300)]
             result[block.rows] -= basis @ (basis.T @ result[block.rows])
     return result

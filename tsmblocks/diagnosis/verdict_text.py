@@ -291,7 +291,7 @@ def _reduction(segment: Segment) -> str:
         by = f", by {percent(share)} of the error above the noise floor" if above else ""
         return f"{falls} (noise floor {floor}){by}.{others}"
     if segment.complete:
-        return f"{falls}, by {percent(share)} of the error above the noise.{others} {_noise_that_remains(gap)}"
+        return f"{falls}.{others} {_noise_that_remains(gap)}"  # a share of what is above the floor would contradict it
     by = f", by {percent(share)} of the error above the noise floor" if share < ALL_SHARE else ""
     return f"{falls} (noise floor {floor}){by}.{others} {_remaining(segment, gap)}"
 
