@@ -232,7 +232,7 @@ def test_the_output_furthest_above_its_noise_is_the_one_told():
     worse = attrs.evolve(gap, held_out=gap.held_out[::-1])
     assert "That of x_out grows" not in verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(worse, other)))
     bare = attrs.evolve(NAMED, gaps=(attrs.evolve(other, unit=""),))
-    assert "falls from 2.00 to 0.0200 rms, by 98 %" in verdict_text.verdict_sentence(bare)
+    assert "falls from 2.00 to 0.0200 rms." in verdict_text.verdict_sentence(bare)
 
 
 def test_a_share_of_the_error_above_the_noise_floor_needs_such_an_error():

@@ -18,8 +18,8 @@ MAX_STATE_CAUTIONS = 2
 """Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
 
 MIN_LOSS_ACROSS = 0.05
-"""Share of the error above the noise floor by which an effect makes it larger on experiments held out, from which that
-is said. Chosen: below it the estimates of the other parameters may be the cause."""
+"""Share of the error above the noise floor by which an effect makes it larger on experiments held out, from which it
+is reported. Chosen: below it the estimates of the other parameters may be the cause."""
 
 
 def do_not_carry_over(across: Mapping[str, float | None]) -> list[str]:
