@@ -37,11 +37,12 @@ def do_not_carry_over(across: Mapping[str, float | None]) -> list[str]:
     ]
 
 
-def cautions(fit: Fit) -> list[str]:
-    """Cautions on the estimates, a sentence each; many on initial states as one sentence."""
+def cautions(fit: Fit, across: Mapping[str, float | None]) -> list[str]:
+    """Cautions on effects and estimates, a sentence each; many on initial states as one sentence."""
     every, others = estimate_cautions(fit), _without_states(fit)
     few = len(every) - len(others) <= MAX_STATE_CAUTIONS
-    return [*(every if few else [*others, *_on_states(fit)]), *beyond_range(fit)]
+    estimates = every if few else [*others, *_on_states(fit)]
+    return [*do_not_carry_over(across), *estimates, *beyond_range(fit)]
 
 
 def _states(fit: Fit) -> set[str]:

@@ -13,7 +13,7 @@ import numpy as np
 from tsmblocks.common.frames import frame
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
-from tsmblocks.diagnosis.cautions import cautions, do_not_carry_over
+from tsmblocks.diagnosis.cautions import cautions
 from tsmblocks.diagnosis.plain_values import diagnosis_values, ranking_values
 from tsmblocks.diagnosis.settings import FloorParts, Provenance, Simulated
 from tsmblocks.fitting.result import Fit
@@ -231,8 +231,7 @@ class Segment:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the effects and on the parameters of the last model, the latter as a fit of it would give."""
-        across = {e.block: e.across for e in self.effects}
-        return () if self.fit is None else (*do_not_carry_over(across), *cautions(self.fit))
+        return () if self.fit is None else tuple(cautions(self.fit, {e.block: e.across for e in self.effects}))
 
 
 @attrs.frozen(eq=False)
