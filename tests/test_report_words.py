@@ -279,17 +279,17 @@ def undetermined(*names):
 def test_cautions_on_many_initial_states_are_one(lag_fit):
     lone = attrs.evolve(lag_fit, undetermined=())
     few = [undetermined(f"lag.value@rec1#{k}", f"lag.value@rec1#{k + 1}") for k in (1, 2)]
-    assert cautions(attrs.evolve(lone, undetermined=tuple(few))) == estimate_cautions(
+    assert cautions(attrs.evolve(lone, undetermined=tuple(few)), {}) == estimate_cautions(
         attrs.evolve(lone, undetermined=tuple(few))
     )
     mixed = undetermined("lag.time_constant", "lag.value@rec1#5")
     many = attrs.evolve(lone, undetermined=(*few, mixed), active=("the lower bound of lag.value@rec1#2 (0)",))
-    assert cautions(many) == [
+    assert cautions(many, {}) == [
         "lag.time_constant and some initial states are determined only together.",
         "lag.value at the start of 4 of the 6 pieces (rec1#5 is piece 5 of rec1) is hardly determined.",
     ]
     pairs = tuple(undetermined(f"lag.value@rec1#{k}", f"lag.value@rec1#{k + 1}") for k in (1, 3, 5))
-    (said,) = cautions(attrs.evolve(many, undetermined=pairs))
+    (said,) = cautions(attrs.evolve(many, undetermined=pairs), {})
     assert said.startswith("lag.value at the start of each of the 6 pieces (rec1#6 is")
 
 
@@ -301,7 +301,7 @@ def test_cautions_on_initial_states_of_whole_recordings_name_these(lag_fit):
     records = {renamed(name): record for name, record in lag_fit.records.items()}
     vague = tuple(undetermined("lag.value@run1", f"lag.value@run{k}") for k in (2, 3, 4))
     fit = attrs.evolve(lag_fit, estimates=estimates, records=records, undetermined=vague)
-    assert cautions(fit) == [
+    assert cautions(fit, {}) == [
         "lag.value at the start of 4 of the 6 experiments (run1, run2 and 2 more) is hardly determined."
     ]
 
