@@ -7,10 +7,10 @@ import numpy as np
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Play
-from tsmblocks.diagnosis.result import (
+from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.diagnosis.segment import (
     Consequence,
     DetectionLimit,
-    Diagnosis,
     Gap,
     NamedEffect,
     Quantity,

@@ -61,6 +61,17 @@ def test_the_text_begins_with_what_was_found(run):
     assert "wrote" not in out
 
 
+def test_details_follow_the_summary_on_request(run):
+    _, summary, _ = run(*BASE, *FEW)
+    assert "candidates, round" not in summary
+    status, out, _ = run(*BASE, *FEW, "--details")
+    assert status == 0
+    assert out.startswith(summary)
+    assert all(words in out for words in ("candidates, round 1", "smallest detectable sizes", "in a script:"))
+    _, json_only, _ = run(*BASE, *FEW, "--details", "--json")
+    json.loads(json_only)
+
+
 def test_three_files_are_written_into_a_new_folder(run, tmp_path):
     status, out, _ = run(*BASE, *FEW, "--out", "a/found")
     assert status == 0

@@ -10,10 +10,10 @@ import tsmblocks as tsm
 from tests.diagnoses import LIMITS, diagnosis
 from tests.test_effect_sizes import SCALES, candidate, effect
 from tsmblocks.blocks import Gain, Integrator, Sum
+from tsmblocks.diagnosis.detectable_sizes import limit_text
 from tsmblocks.diagnosis.limits import CAUSES, _is_beyond
 from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.screening_score import ScreeningScore, ShapeSensitivity
-from tsmblocks.diagnosis.text import limit_text
 from tsmblocks.html.report import page
 
 T = np.arange(0.0, 20.0, 0.05)
@@ -77,7 +77,7 @@ def test_limits_are_within_the_range_of_their_signals(found):
 
 
 def test_a_reason_without_a_name_of_a_parameter():
-    assert "- not excited by these experiments: coulomb_friction" in str(diagnosis())
+    assert "- not excited by these experiments: coulomb_friction" in diagnosis().details()
     assert limit_text(LIMITS[2]) == "not excited by these experiments"
 
 

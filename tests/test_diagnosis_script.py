@@ -90,7 +90,7 @@ def test_pasted_lines_make_the_same_diagram_and_find_the_same_errors(found):
 
 
 def test_what_is_printed_and_what_stands_on_the_page_are_these_lines(found):
-    assert "\n".join(f"  {line}".rstrip() for line in script_lines(found)) in str(found)
+    assert "\n".join(f"  {line}".rstrip() for line in script_lines(found)) in found.details()
 
 
 def test_diagrams_have_the_start_states_of_their_experiment(found):
@@ -239,7 +239,9 @@ def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
     assert segment.cautions[0].startswith("gain.gain and again.gain are determined only in combination: with ")
     text = str(found)
     assert "\nbeware:\n- gain.gain and again.gain are determined only in combination: with " in text
-    assert "not determined" in text[text.index("parameters of the diagram, fitted with it:") : text.index("beware:")]
+    details = found.details()
+    table = details[details.index("parameters of the diagram, fitted with it:") :].split("\n\n")[0]
+    assert "not determined" in table
     assert segment.cautions[0] in json.loads(found.to_json())["segments"][0]["cautions"]
 
 

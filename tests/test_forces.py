@@ -12,7 +12,7 @@ from tests.test_report import NAMED, diagnosis
 from tsmblocks.blocks import CoulombFriction, Gain, Integrator, Sum
 from tsmblocks.diagnosis.presentation import main_sizes
 from tsmblocks.diagnosis.quantities import as_force
-from tsmblocks.diagnosis.result import Quantity
+from tsmblocks.diagnosis.segment import Quantity
 from tsmblocks.html.report import page
 
 SIZE = Quantity(0.7959, 0.7946, 0.7972, "m/s^2")

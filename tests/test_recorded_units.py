@@ -110,16 +110,16 @@ def test_a_diagnosis_names_an_effect_in_the_unit_of_the_recording(found):
     assert re.search(r"gap width [12]\.\d+ ± 0\.\d+ mm\b", found.sentence)
     assert effect.sizes["gap width"].unit == "m"
     assert effect.sizes["gap width"].value == pytest.approx(2e-3, rel=0.05)
-    assert re.search(r"half_width +(1\.0|0\.9)\d+ ± 0\.\d+ mm", str(found))
+    assert re.search(r"half_width +(1\.0|0\.9)\d+ ± 0\.\d+ mm", found.details())
 
 
 def test_tables_and_limits_of_a_diagnosis_are_in_the_units_of_the_recording(found):
-    text = str(found)
+    text = f"{found}\n\n{found.details()}"
     assert "held-out rms of p [bar]" in text
     assert "held-out rms of x [mm]" in text
     assert re.search(r"drift +total drift [\d.]+ (mm|bar)\n", text)
     assert re.search(r"rate_limit +fastest rise [\d.]+ (mm|bar)/s\n", text)
-    results = text.partition("changes to the diagram")[0] + text.partition("smallest detectable")[2]
+    results = text.partition("changes to the diagram")[0] + found.details().partition("in a script")[0]
     assert not re.search(r"\d (Pa|m)\b", results)
 
 

@@ -17,13 +17,12 @@ from tests.diagnoses import BACKLASH, DEG, LIMITS, NAMED, NOISE, NONE, NOTES, UN
 from tests.pages import Page
 from tsmblocks.blocks import Gain, Play
 from tsmblocks.common.errors import TsmError
+from tsmblocks.diagnosis import candidate_tables, verdict_text
 from tsmblocks.diagnosis import presentation as showing
-from tsmblocks.diagnosis import text as telling
-from tsmblocks.diagnosis import verdict_text
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.rejection import NOT_ACCEPTED
-from tsmblocks.diagnosis.result import Quantity
+from tsmblocks.diagnosis.segment import Quantity
 from tsmblocks.html import charts, figures
 from tsmblocks.html.pages import style
 from tsmblocks.html.report import page
@@ -35,6 +34,9 @@ NAMED. Unmodelled effect between x_in and x_out: a backlash gap (backlash on
 offset.y -> x_out, gap width 1.000 ± 0.040 deg). With it, the error of x_out on
 held-out data falls from 0.520 to 0.104 deg rms (noise floor 0.100), by 98 % of
 the error above the noise floor. Also possible: hysteresis.
+
+backlash (backlash):
+  gap width  1.000 ± 0.040 deg
 
 Tendon sheath: a gain and an offset: 2 experiments
 
@@ -48,6 +50,33 @@ residual by coordinate:
 - 90 % of the error above the noise floor: the sign of the error depends on the
   direction.
 
+changes to the diagram:
++ backlash = Play(half_width=0.00872665)
+- offset => x_out
++ offset -> backlash.u
++ backlash => x_out
+~ gain.gain  0.92 -> 0.91
+~ offset.bias  0 -> 0.01 deg
+
+indistinguishable effects:
+- backlash is indistinguishable from hysteresis with these data. To separate
+  them: two amplitudes, minor loops, or an odd multisine.
+
+tracking full [deg]             peak to peak    rms
+without compensation                    20.0   7.00
+compensated with the base               2.00  0.600
+compensated with the new model          1.00  0.300
+
+notes:
+- all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen
+  from its spectrum).
+- half: x_in was held constant where it rests (3 % of the samples).
+- the plant was started anew.
+- Random seed 3; the search was completed.
+
+Details, with --details or found.details(): noise floors, candidates, parameters
+with intervals, detectable sizes, a script."""
+DETAILS = """\
 candidates, round 1 (* named, ~ indistinguishable from it):
   candidate   on                 removes  new exp.  t (2)
 * backlash    offset.y -> x_out     98 %      98 %    9.5
@@ -63,19 +92,17 @@ removes: reduction of the error above the noise floor, on held-out time blocks;
 new exp.: the same with whole experiments held out; < 0 %: the error grows. t:
 t-statistic of the reduction; (in brackets) its critical value (95 %).
 
-backlash (backlash):
-  gap width  1.000 ± 0.040 deg
-
 backlash (backlash), parameters of its block:
   half_width  0.500 ± 0.020 deg
 
-changes to the diagram:
-+ backlash = Play(half_width=0.00872665)
-- offset => x_out
-+ offset -> backlash.u
-+ backlash => x_out
-~ gain.gain  0.92 -> 0.91
-~ offset.bias  0 -> 0.01 deg
+smallest detectable sizes, beside the effects named:
+  backlash  gap width 0.04 deg
+  drift     rate 1e-05
+
+not detectable at any size:
+- absorbed by parameters of the model: offset (acts as offset.bias, 1 deg per
+  deg)
+- not excited by these experiments: coulomb_friction
 
 The errors reported are those of simulations from initial states estimated for
 each experiment: found.start_states, and start_states in diagnosis.json;
@@ -99,32 +126,7 @@ in a script:
   }
   for name, record in recordings.items():
       made = record.conditioned(['x_in'])
-      print(tsm.score(diagram, {name: made}, parameters=start_states[name], outputs=['x_out'], step=0.01, hold='auto'))
-
-indistinguishable effects:
-- backlash is indistinguishable from hysteresis with these data. To separate
-  them: two amplitudes, minor loops, or an odd multisine.
-
-smallest detectable sizes, beside the effects named:
-  backlash  gap width 0.04 deg
-  drift     rate 1e-05
-
-not detectable at any size:
-- absorbed by parameters of the model: offset (acts as offset.bias, 1 deg per
-  deg)
-- not excited by these experiments: coulomb_friction
-
-tracking full [deg]             peak to peak    rms
-without compensation                    20.0   7.00
-compensated with the base               2.00  0.600
-compensated with the new model          1.00  0.300
-
-notes:
-- all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen
-  from its spectrum).
-- half: x_in was held constant where it rests (3 % of the samples).
-- the plant was started anew.
-- Random seed 3; the search was completed."""
+      print(tsm.score(diagram, {name: made}, parameters=start_states[name], outputs=['x_out'], step=0.01, hold='auto'))"""
 
 
 # ---- in words
@@ -132,6 +134,26 @@ notes:
 
 def test_a_diagnosis_is_told_in_this_order():
     assert str(diagnosis()) == TOLD
+    assert diagnosis().details() == DETAILS
+
+
+def test_of_many_experiments_a_summary_has_those_with_the_largest_errors():
+    (gap,) = NAMED.gaps
+    many = {f"run{k:02}": (0.5 * DEG, (0.1 + 0.01 * (7 * k % 20)) * DEG) for k in range(20)}
+    segment = attrs.evolve(NAMED, gaps=(attrs.evolve(gap, experiments=many),))
+    table = next(part for part in str(diagnosis(segment)).split("\n\n") if part.startswith("held-out rms"))
+    shown = re.findall("^run(..)", table, re.MULTILINE)
+    assert shown == [f"{k:02}" for k in range(20) if 7 * k % 20 >= 10]
+    assert table.endswith("\n10 more experiments have smaller errors.")
+    whole = next(part for part in diagnosis(segment).details().split("\n\n") if part.startswith("held-out rms"))
+    assert re.findall("^run(..)", whole, re.MULTILINE) == [f"{k:02}" for k in range(20)]
+
+
+def test_sizes_that_could_have_been_seen_are_in_the_summary_where_nothing_was_found():
+    none = diagnosis(attrs.evolve(NONE, limits=NAMED.limits))
+    assert "smallest detectable sizes:" in str(none)
+    assert "smallest detectable" not in none.details()
+    assert "smallest detectable" not in str(diagnosis())
 
 
 def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
@@ -284,7 +306,7 @@ def test_what_is_left_after_all_that_was_named_is_told():
 def test_an_interrupted_search_says_so():
     said = str(diagnosis(status="interrupted"))
     assert said.startswith("SEARCH INTERRUPTED. NAMED")
-    assert said.endswith("- Random seed 3; interrupted; these are the results until then.")
+    assert "- Random seed 3; interrupted; these are the results until then.\n" in said
 
 
 def test_lines_fit_a_terminal_but_for_code():
@@ -301,8 +323,8 @@ def test_shares_in_percent(share, shown):
 
 
 def test_one_experiment_says_nothing_of_new_ones():
-    assert np.isnan(telling.share_across_experiments(ranked("drift", 0.5), 1))
-    assert telling.share_across_experiments(ranked("drift", 0.5, across=4.0), 2) == pytest.approx(0.2)
+    assert np.isnan(candidate_tables.share_across_experiments(ranked("drift", 0.5), 1))
+    assert candidate_tables.share_across_experiments(ranked("drift", 0.5, across=4.0), 2) == pytest.approx(0.2)
 
 
 def test_notes_of_several_experiments_are_gathered():
@@ -546,8 +568,8 @@ def test_the_verdict_is_in_the_same_words_everywhere():
 
 def test_an_effect_that_was_named_is_not_listed_as_one_that_cannot_be_detected():
     blind = [attrs.evolve(one, name=BACKLASH.name) if one.value is None else one for one in NAMED.limits]
-    assert "not detectable" in str(diagnosis(NAMED))
-    assert "not detectable" not in str(diagnosis(attrs.evolve(NAMED, limits=tuple(blind))))
+    assert "not detectable" in diagnosis(NAMED).details()
+    assert "not detectable" not in diagnosis(attrs.evolve(NAMED, limits=tuple(blind))).details()
 
 
 def test_how_many_effects_were_tried_is_said_and_the_others_are_a_next_step():

@@ -15,12 +15,12 @@ from tsmblocks.common.tables import as_wide_as
 from tsmblocks.data.noise_floor import Noise
 from tsmblocks.diagnosis import presentation, verdict_text
 from tsmblocks.diagnosis import text as text_of_diagnosis
-from tsmblocks.diagnosis import text as told
 from tsmblocks.diagnosis.cautions import cautions
+from tsmblocks.diagnosis.detectable_sizes import limit_text
 from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.residual_location import words_for
-from tsmblocks.diagnosis.result import DetectionLimit, Quantity
 from tsmblocks.diagnosis.script import script_lines
+from tsmblocks.diagnosis.segment import DetectionLimit, Quantity
 from tsmblocks.diagnosis.settings import FloorParts
 from tsmblocks.diagnosis.variants import VARIANT_WORDS, explained, parts_of
 from tsmblocks.effects import catalogue
@@ -45,7 +45,7 @@ def of(segment):
 
 def test_candidates_come_in_the_order_of_what_they_removed_and_those_at_a_bound_are_among_them():
     with as_wide_as(80):
-        text = str(of(SEEN))
+        text = of(SEEN).details()
     (table,) = [part for part in text.split("\n\n") if part.startswith("candidates, round 1")]
     names = [line[2:].split("  ")[0].strip() for line in table.splitlines()[2:7]]
     assert names[:4] == ["resonance (parallel)", "backlash", "hysteresis", "drift (own sizes)"]
@@ -60,7 +60,7 @@ def test_candidates_come_in_the_order_of_what_they_removed_and_those_at_a_bound_
 
 def test_a_wide_terminal_has_the_reasons_in_a_column():
     with as_wide_as(120):
-        text = str(of(SEEN))
+        text = of(SEEN).details()
     (table,) = [part for part in text.split("\n\n") if part.startswith("candidates, round 1")]
     head, first, *_ = table.splitlines()[1:]
     assert head.endswith("  why not")
@@ -76,12 +76,12 @@ def test_variants_are_explained_once_below_the_table_in_which_they_are_first():
         "separate instant in each recording."
     )
     with as_wide_as(100):
-        first, second = (part for part in str(of(later)).split("\n\n") if part.startswith("candidates, round"))
+        first, second = (part for part in of(later).details().split("\n\n") if part.startswith("candidates, round"))
     assert words in " ".join(first.split())
     assert "Variants:" not in second
     shown = re.sub("<[^>]*>", "", page(of(later)))
     assert shown.count(words) == 1
-    assert "Variants:" not in str(diagnosis())
+    assert "Variants:" not in diagnosis().details()
 
 
 @pytest.mark.parametrize("effect", [*catalogue(), *relatives()], ids=lambda one: f"{one.name} {one.variant}")
@@ -118,7 +118,7 @@ def test_where_nothing_is_above_the_noise_a_table_has_no_shares_of_it():
     line = "The error is within the noise: there is nothing above the noise floor to remove."
     within = attrs.evolve(NONE, ranking=tuple(attrs.evolve(r, share=np.nan, new=np.nan, named=False) for r in ROWS))
     with as_wide_as(100):
-        text = str(of(within))
+        text = of(within).details()
     assert re.search(r"\n~ backlash  +offset.y -> x_out +- +9.5", text)
     assert text.count(line) == 1
     shown = page(of(within))
@@ -126,7 +126,7 @@ def test_where_nothing_is_above_the_noise_a_table_has_no_shares_of_it():
     table = shown[shown.index("named, or why not") :].split("</table>")[0]
     assert "%" not in table
     some = attrs.evolve(within, ranking=(ROWS[-1], *within.ranking[:-1]))
-    assert line not in str(of(some))
+    assert line not in of(some).details()
     assert line not in page(of(some))
 
 
@@ -177,7 +177,7 @@ def test_the_parts_of_a_noise_floor_and_what_each_recording_shows_are_said_every
     )
     found = of(segment)
     with as_wide_as(200):
-        text = str(found)
+        text = found.details()
     assert f"n{words}" in text.replace("\n", " ")
     assert re.search(r"\nnoise of x_out alone \[deg\] +rms  95 % from +to  from\nfull +0.0600 +0.0500 +0.08", text)
     assert "\nhigh frequencies: a lower limit, which sees only fast noise." in text
@@ -198,8 +198,9 @@ def test_a_noise_floor_is_explained_by_what_it_contains():
         "noise floor of 0.100 deg (from high frequencies: a lower limit, which sees only fast noise)."
     ) in verdict_text.verdict_sentence(segment)
     with as_wide_as(100):
-        text = str(of(segment))
-    assert re.search(r"\nnoise floor +0.100\nnoise floor from high frequencies: a lower limit", text)
+        text = of(segment).details()
+    assert text.startswith("noise floor from high frequencies: a lower limit")
+    assert re.search(r"\nnoise floor \(high frequencies\) +0.100\n", str(of(segment)))
     assert "Noise floor 0.100 deg (from high frequencies: a lower limit, which sees only fast noise)." in page(
         of(segment)
     )
@@ -239,8 +240,8 @@ def test_detection_limits_in_the_file_are_those_of_the_text_and_have_their_units
     }
     (limits,) = [s["detection_limits"] for s in kept["segments"]]
     assert limits["backlash"]["unit"] == "rad"
-    assert told.limit_text(LIMITS[0]) == "gap width 0.04 deg"
-    assert told.limit_text(DetectionLimit("lag", "tau", -0.5, "s", "")) == "tau 0.5 s"
+    assert limit_text(LIMITS[0]) == "gap width 0.04 deg"
+    assert limit_text(DetectionLimit("lag", "tau", -0.5, "s", "")) == "tau 0.5 s"
 
 
 def test_the_noise_of_the_sensor_is_asked_for_in_the_words_of_the_command_and_of_python():
@@ -309,14 +310,14 @@ def test_cautions_on_initial_states_of_whole_recordings_name_these(lag_fit):
 def test_parameters_and_cautions_of_several_parts_name_the_part(lag_fit):
     own = attrs.evolve(lag_fit, undetermined=(), active=("the upper bound of lag.time_constant (1)",))
     parts = [attrs.evolve(NONE, name=name, fit=own) for name in ("u -> y", "y -> z")]
-    assert re.findall("^(parameters of .*|beware.*):$", str(diagnosis(*parts)), re.MULTILINE) == [
+    both, alone = diagnosis(*parts), diagnosis(parts[0])
+    assert re.findall("^(beware.*):$", str(both), re.MULTILINE) == ["beware in u -> y", "beware in y -> z"]
+    assert re.findall("^(parameters of .*):$", both.details(), re.MULTILINE) == [
         "parameters of the diagram in u -> y, fitted with it",
-        "beware in u -> y",
         "parameters of the diagram in y -> z, fitted with it",
-        "beware in y -> z",
     ]
-    alone = re.findall("^(parameters of .*|beware.*):$", str(diagnosis(parts[0])), re.MULTILINE)
-    assert alone == ["parameters of the diagram, fitted with it", "beware"]
+    assert "\nbeware:\n" in str(alone)
+    assert "\nparameters of the diagram, fitted with it:\n" in alone.details()
 
 
 def test_a_bound_that_was_reached_is_said_in_plain_words(lag_fit):

@@ -24,7 +24,7 @@ METHODS = {"_repr_html_": "html", "_repr_svg_": "svg", "plot": "plot"}
 def test_every_result_type_is_rendered_in_every_kind_that_it_offers():
     pytest.importorskip("matplotlib", reason="the extra [plots] brings it")
     made = rendered(list(examples().values()))
-    assert {kind for kind, _ in made} == {"html", "plot", "report", "svg", "text"}
+    assert {kind for kind, _ in made} == {"details", "html", "plot", "report", "svg", "text"}
     for (kind, name), shown in made.items():
         if kind == "html":
             assert Page(shown).open == [], name

@@ -207,11 +207,12 @@ def add(options: argparse._ActionsContainer, *names: str, **settings: Any) -> No
             vars(action)["suggests"] = suggested
 
 
-def result_arguments(parser: argparse.ArgumentParser, out: str, metavar: str = "FILE") -> None:
-    """Declare --out, --plot and --json in a group of their own; ``out`` says what the first does."""
+def result_arguments(parser: argparse.ArgumentParser, out: str, metavar: str = "FILE") -> argparse._ArgumentGroup:
+    """Declare --out, --plot and --json in a group of their own, which is returned; ``out`` says what the first does."""
     results = parser.add_argument_group("results")
     add(results, "--out", metavar=metavar, help=out)
     add(results, "--plot", "--json")
+    return results
 
 
 def passed(args: argparse.Namespace, *names: str) -> dict[str, Any]:
@@ -288,6 +289,7 @@ def finish(
     """Print, save and plot the result of a search; its exit status. JSON has the ``facts`` too."""
     if not args.json:
         print_text(str(result))
+        print_text(f"\n{result.details()}") if vars(args).get("details") else None
     written = save()
     if plot:
         replace_figure(plot, result.plot(), dpi=150)

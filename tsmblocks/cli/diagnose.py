@@ -75,7 +75,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", "--step", "--hold")
     limit = "end the search after so many seconds, with the effects identified by then (default: no limit)"
     add("--time-limit", metavar="SECONDS", type=common.finite_float, help=limit)
-    common.result_arguments(parser, "write report.html, diagnosis.json and augmented.toml into a folder", "DIR")
+    results = common.result_arguments(
+        parser, "write report.html, diagnosis.json and augmented.toml into a folder", "DIR"
+    )
+    details = "print noise floors, candidates, parameters, detectable sizes and a script as well"
+    common.add(results, "--details", action="store_true", help=details)
 
 
 def execute(args: argparse.Namespace) -> int:

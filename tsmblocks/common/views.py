@@ -17,6 +17,7 @@ CARDS = ("analysis", "data", "diagnosis", "fitting", "model", "optimal", "simula
 FIGURES = ("analysis", "data", "diagnosis", "fitting", "simulation", "studies", "tuning")
 TEXTS = ("diagnosis", "fitting")
 PROVIDERS = {
+    "details": {"diagnosis": "tsmblocks.diagnosis.details"},
     "html": {package: f"tsmblocks.html.{package}_cards" for package in CARDS},
     "plot": dict.fromkeys(FIGURES, "tsmblocks.plots"),
     "report": {"diagnosis": "tsmblocks.html.report_files"},
@@ -31,8 +32,9 @@ def view(kind: str, value: Any, **options: Any) -> Any:
 
     Parameters
     ----------
-    kind : {"html", "plot", "report", "svg", "text"}
-        Kind of view: a notebook card, a figure, files in a folder, a drawing, or text for a terminal.
+    kind : {"details", "html", "plot", "report", "svg", "text"}
+        Kind of view: details as text, a notebook card, a figure, files in a folder, a drawing, or text for a
+        terminal.
     value : object
         The value. Its class, or one that it derives from, must be registered with the ``view`` of the module that
         provides this kind.
@@ -42,8 +44,8 @@ def view(kind: str, value: Any, **options: Any) -> Any:
     Returns
     -------
     object
-        The result of that function: text for ``"html"``, ``"svg"`` and ``"text"``, a matplotlib figure for
-        ``"plot"``, the path of the folder for ``"report"``.
+        The result of that function: text for ``"details"``, ``"html"``, ``"svg"`` and ``"text"``, a matplotlib
+        figure for ``"plot"``, the path of the folder for ``"report"``.
 
     Raises
     ------

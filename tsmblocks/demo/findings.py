@@ -13,7 +13,7 @@ from tsmblocks.demo.compensators import FEEDFORWARD, LOOP, Tracked
 from tsmblocks.demo.mechanism import DEG, NUMBERS, SAMPLE, STOP
 from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story
 from tsmblocks.diagnosis.presentation import MAX_SIZES, with_interval
-from tsmblocks.diagnosis.result import Quantity
+from tsmblocks.diagnosis.segment import Quantity
 from tsmblocks.effects import Scales, Span, catalogue
 from tsmblocks.effects.effect import parameters_of, sizes_of
 

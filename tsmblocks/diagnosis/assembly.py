@@ -17,8 +17,9 @@ from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of, in_whole_diagram
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.quantities import recorded_units
-from tsmblocks.diagnosis.result import Consequence, Diagnosis, Segment
+from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.script import diagram_source
+from tsmblocks.diagnosis.segment import Consequence, Segment
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.summary import segment_summary
 from tsmblocks.fitting.holds import common_holds, in_one_word

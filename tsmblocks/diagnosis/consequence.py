@@ -11,7 +11,7 @@ from tsmblocks.common.errors import TsmError
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.quantities import recorded_units
-from tsmblocks.diagnosis.result import Consequence
+from tsmblocks.diagnosis.segment import Consequence
 from tsmblocks.fitting.experiments import grid_step
 from tsmblocks.metrics.tracking import peak_to_peak, rms
 from tsmblocks.model.diagram import Diagram, Inlet

@@ -17,10 +17,10 @@ from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.diagnosis.quantities import detectable_size, displayed_unit, recorded_units
-from tsmblocks.diagnosis.result import DetectionLimit
 from tsmblocks.diagnosis.screening import MIN_SENSITIVITY, absorbing
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchRound
+from tsmblocks.diagnosis.segment import DetectionLimit
 from tsmblocks.effects import Effect, Relative, Replacement
 from tsmblocks.effects.sizes import MILLISECONDS
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space

@@ -11,7 +11,8 @@ import numpy as np
 from tsmblocks.common.units import display_unit
 
 if TYPE_CHECKING:
-    from tsmblocks.diagnosis.result import DetectionLimit, Diagnosis, Gap, Segment
+    from tsmblocks.diagnosis.result import Diagnosis
+    from tsmblocks.diagnosis.segment import DetectionLimit, Gap, Segment
     from tsmblocks.diagnosis.settings import FloorParts, Simulated
 
 EFFECT_KEYS = {"across": "share_removed_across_experiments", "as_force": ""}

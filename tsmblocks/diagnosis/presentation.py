@@ -13,7 +13,7 @@ from tsmblocks.common.units import display_unit, heading
 from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BIN_COUNT, axis_title, binned, coordinate_unit, coordinates
-from tsmblocks.diagnosis.result import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
+from tsmblocks.diagnosis.segment import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
 from tsmblocks.fitting.parameters import numbers
 from tsmblocks.model import parameter_units
 from tsmblocks.model.diagram import Diagram

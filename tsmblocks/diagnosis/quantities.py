@@ -15,7 +15,7 @@ from tsmblocks.diagnosis.determined import uncertainty_of_effects
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.presentation import with_interval
-from tsmblocks.diagnosis.result import DetectionLimit, Quantity
+from tsmblocks.diagnosis.segment import DetectionLimit, Quantity
 from tsmblocks.effects.effect import sizes_of
 from tsmblocks.fitting.recordings import as_recorded
 from tsmblocks.fitting.setup import Setup

@@ -11,8 +11,8 @@ from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.quantities import displayed_unit, recorded_units
 from tsmblocks.diagnosis.rejection import INDISTINGUISHABLE, MORE_GENERAL, WORSE_BESIDE_OTHERS, alternatives_to, why_not
-from tsmblocks.diagnosis.result import RankedCandidate
 from tsmblocks.diagnosis.search_rounds import SearchRound
+from tsmblocks.diagnosis.segment import RankedCandidate
 
 MAX_MEANINGFUL_SHARE = 10.0
 """Share of the excess above which the excess was too small for a share to have a meaning. Chosen."""

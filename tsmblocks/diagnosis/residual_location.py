@@ -9,7 +9,7 @@ import numpy as np
 
 from tsmblocks.common.units import base_unit, is_unit, times
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
-from tsmblocks.diagnosis.result import ResidualCoordinate
+from tsmblocks.diagnosis.segment import ResidualCoordinate
 
 BIN_COUNT = 24
 """Bins of a coordinate, each with as many samples. Chosen: hundreds of samples in each, and half periods resolved."""

@@ -20,7 +20,7 @@ from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.rejection import alternatives_to, why_named
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
-from tsmblocks.diagnosis.result import Gap, NamedEffect, Segment, Trace
+from tsmblocks.diagnosis.segment import Gap, NamedEffect, Segment, Trace
 from tsmblocks.diagnosis.settings import FloorParts
 from tsmblocks.diagnosis.time_and_distance import second_frequency
 from tsmblocks.diagnosis.verdict_text import verdict_sentence

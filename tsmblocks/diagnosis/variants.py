@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tsmblocks.diagnosis.result import RankedCandidate
+from tsmblocks.diagnosis.segment import RankedCandidate
 
 VARIANT_WORDS = {
     "own sizes": "with a separate size in each recording",

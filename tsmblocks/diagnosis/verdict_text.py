@@ -11,7 +11,8 @@ from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
 from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, floor_text, main_sizes, output_traces
 from tsmblocks.diagnosis.rejection import LEAVES_MORE, NOT_ACCEPTED
-from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment
+from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.diagnosis.segment import Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.effects import catalogue
 from tsmblocks.fitting.input_checks import runs_ahead
 

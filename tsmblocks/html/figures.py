@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from tsmblocks.data import heading
 from tsmblocks.diagnosis.presentation import Profile, darkness, digits, display_unit, gap_rows, strips
-from tsmblocks.diagnosis.result import Gap, Segment, Trace
+from tsmblocks.diagnosis.segment import Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.draw.picture import fitted, text_width
 from tsmblocks.html import charts

@@ -9,6 +9,9 @@ from typing import Any
 from markupsafe import Markup
 
 from tsmblocks.common.errors import TsmError
+from tsmblocks.diagnosis.candidate_tables import share_across_experiments
+from tsmblocks.diagnosis.details import initial_states_text, parameter_rows
+from tsmblocks.diagnosis.detectable_sizes import limit_text
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.presentation import (
@@ -31,16 +34,10 @@ from tsmblocks.diagnosis.presentation import (
     with_interval,
 )
 from tsmblocks.diagnosis.quantities import acceleration_note
-from tsmblocks.diagnosis.result import Diagnosis, Gap, NamedEffect, RankedCandidate, Segment, Trace
+from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.script import script_lines
-from tsmblocks.diagnosis.text import (
-    STATUS,
-    indistinguishable_text,
-    initial_states_text,
-    limit_text,
-    parameter_rows,
-    share_across_experiments,
-)
+from tsmblocks.diagnosis.segment import Gap, NamedEffect, RankedCandidate, Segment, Trace
+from tsmblocks.diagnosis.text import STATUS, indistinguishable_text
 from tsmblocks.diagnosis.variants import explained
 from tsmblocks.diagnosis.verdict_text import (
     candidate_title,

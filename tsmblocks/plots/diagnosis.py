@@ -9,7 +9,8 @@ import numpy as np
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.data import heading
 from tsmblocks.diagnosis.presentation import by_excess, darkness, gap_rows, output_traces, profile, strips
-from tsmblocks.diagnosis.result import Diagnosis, Gap, Segment, Trace
+from tsmblocks.diagnosis.result import Diagnosis
+from tsmblocks.diagnosis.segment import Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.diagnosis.verdict_text import worst_gap
 from tsmblocks.plots.panels import axes, dress, entitle, head, in_time, key, scaled, shared_key, sheet

@@ -1,0 +1,49 @@
+"""The smallest detectable sizes of effects, as text."""
+
+from __future__ import annotations
+
+from tsmblocks.common.tables import columns, listed
+from tsmblocks.diagnosis.limits import CAUSES
+from tsmblocks.diagnosis.lines import bullets, filled, of_segment
+from tsmblocks.diagnosis.plain_values import limit_quantity
+from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.diagnosis.quantities import acceleration_note
+from tsmblocks.diagnosis.segment import DetectionLimit, Segment
+
+
+def limit_text(one: DetectionLimit) -> str:
+    """The smallest detectable size, with its name, or why there is none."""
+    if one.value is None:
+        by = absorbed_text(one)
+        return f"absorbed by {by}" if by else CAUSES.get(one.cause, "")
+    name, size, unit = limit_quantity(one)
+    return f"{name} {in_display_units(size, unit)}"
+
+
+def absorbed_text(one: DetectionLimit) -> str:
+    """The parameters that absorb an effect, and by how much: ``preload.value, 40 N per mm``; empty without any."""
+    return listed([f"{k}, {rate}" if rate else k for k, rate in one.absorbed_by.items()]) if one.absorbed_by else ""
+
+
+def limits_texts(segment: Segment, several: bool) -> list[str]:
+    """The smallest sizes that these experiments could show, and the effects that they could not; empty without any."""
+    detectable = [m for m in segment.limits if m.value is not None]
+    named = {one.name for one in segment.effects}
+    undetectable = [m for m in segment.limits if m.value is None and m.name not in named]
+    where = of_segment(segment, several)
+    parts = list[str]()
+    if detectable:
+        rows = [[m.name, limit_text(m)] for m in detectable]
+        beside = ", beside the effects named" if named else ""
+        parts.append(f"smallest detectable sizes{where}{beside}:\n{columns(rows, '  ', left=(0, 1))}")
+        parts += filter(None, [filled(acceleration_note(detectable))])
+    if undetectable:
+        own = {cause: [m for m in undetectable if m.cause == cause] for cause in CAUSES}
+        lines = [f"{CAUSES[cause]}: {', '.join(map(_without_limit, some))}" for cause, some in own.items() if some]
+        parts += bullets(f"not detectable at any size{where}", lines)
+    return parts
+
+
+def _without_limit(one: DetectionLimit) -> str:
+    by = absorbed_text(one)
+    return f"{one.name} (acts as {by})" if by else one.name
