@@ -498,26 +498,26 @@ def test_parts_of_a_diagram_have_an_arrow_in_their_headings():
 
 def test_a_page_has_its_parts_in_this_order():
     assert Page(page(diagnosis())).heads == [
+        "What the model lacks",
         "Error before and after",
         "Where model and data disagree",
-        "Candidate effects",
         "The diagram, before and after",
-        "In a script",
-        "Indistinguishable effects",
-        "Detection limits",
         "Consequence for control",
-        "Data and settings",
         "Notes",
+        "Candidate effects",
+        "Detection limits",
+        "In a script",
+        "Data and settings",
     ]
     assert Page(page(EVERY["none"])).heads == [
         "Error and noise floor",
         "Model and data",
-        "Candidate effects",
         "The diagram",
-        "In a script",
-        "Detection limits",
-        "Data and settings",
         "Notes",
+        "Candidate effects",
+        "Detection limits",
+        "In a script",
+        "Data and settings",
     ]
 
 

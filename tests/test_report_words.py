@@ -320,6 +320,14 @@ def test_parameters_and_cautions_of_several_parts_name_the_part(lag_fit):
     assert "\nparameters of the diagram, fitted with it:\n" in alone.details()
 
 
+def test_cautions_come_before_the_errors(lag_fit):
+    at = attrs.evolve(lag_fit, undetermined=(), active=("the upper bound of lag.time_constant (1)",))
+    shown = page(diagnosis(attrs.evolve(NAMED, fit=at)))
+    assert shown.index("ended at the upper bound of lag.time_constant") < shown.index("Error before and after</h2>")
+    two = page(diagnosis(attrs.evolve(NAMED, fit=at), attrs.evolve(NONE, name="r -> u", fit=at)))
+    assert two.count("Beware in x_in") == two.count("Beware in r") == 1
+
+
 def test_a_bound_that_was_reached_is_said_in_plain_words(lag_fit):
     at = attrs.evolve(lag_fit, undetermined=(), active=("the upper bound of lag.time_constant (1)",))
     assert estimate_cautions(at) == [

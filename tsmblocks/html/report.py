@@ -251,7 +251,8 @@ def _own_numbers(segment: Segment) -> dict[str, Any]:
     cells = [head, *([sentence(text) for text in row] for row in rows)]
     cautions = [sentence(text) for text in segment.cautions]
     caption = f"Parameters of {segment.name}"
-    return {"table": table_of(cells, {0, 4, 6}, caption, None) if rows else "", "cautions": cautions}
+    table = table_of(cells, {0, 4, 6}, caption, None) if rows else ""
+    return {"table": table, "cautions": cautions, "segment": segment.name}
 
 
 # ---- limits, control, provenance --------------------------------------------------------------------
