@@ -132,4 +132,4 @@ def test_the_run_of_a_command_converts_too(tmp_path, capsys):
     assert status == 0
     assert "x_out has no unit in the diagram" in said.err.replace("\n", " ")
     row = next(line for line in said.out.splitlines() if line.startswith("x_out"))
-    assert "rad" in row
+    assert row.split()[1] == "deg"  # the unit of the recording

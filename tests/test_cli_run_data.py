@@ -1,6 +1,7 @@
 """The command run beside a recording: what signals without a unit are taken for, and measured outputs compared."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -54,6 +55,27 @@ def test_a_measured_output_is_compared_as_score_does(run):
     told = json.loads(run("run", PLAY, "--data", "m.csv", *TOLD, "--step", "0.01", "--json")[1])["measured"]
     assert [(d["output"], d["samples"]) for d in told] == [("x_out", 301)]
     assert np.rad2deg(told[0]["rms"]) == pytest.approx(left.rms, rel=1e-9)
+
+
+RAM = """\
+format = 1
+[blocks]
+ram = { type = "Gain", gain = 2e-10 }
+[inputs]
+p = { ports = "ram.u", unit = "Pa" }
+[outputs]
+x = { signal = "ram", unit = "m" }
+"""
+
+
+def test_outputs_are_shown_in_the_units_of_the_recording(run, tmp_path):
+    (tmp_path / "ram.toml").write_text(RAM, encoding="utf-8")
+    rows = "".join(f"{t:.2f},{50 * t:.4f},{t:.4f}\n" for t in T)
+    (tmp_path / "ram.csv").write_text("t [s],p [bar],x [mm]\n" + rows, encoding="utf-8")
+    _, out, _ = run("run", "ram.toml", "--data", "ram.csv", "--step", "0.01")
+    assert re.search(r"\nx +mm +0 +3 +3\n", out)
+    shown = json.loads(run("run", "ram.toml", "--data", "ram.csv", "--step", "0.01", "--json")[1])["outputs"]["x"]
+    assert (shown["unit"], shown["max"]) == ("m", pytest.approx(0.003))
 
 
 def test_a_run_between_the_samples_and_over_a_part_is_compared_there(run):

@@ -613,3 +613,14 @@ def test_numbers_of_the_table_are_checked_in_all_blocks_that_refer_to_them():
         d.with_parameters({"T": -1.0})
     with pytest.raises(DiagramError, match="refers to a number that is not in values"):
         d.with_parameters({"g.time_constant": "$S"})
+
+
+def test_an_output_that_is_no_signal_is_refused_with_where_its_unit_goes():
+    with pytest.raises(DiagramError) as refused:
+        Diagram(blocks={"gain": Gain()}, inputs={"u": "gain.u"}, outputs={"y": {"signal": "gain", "unit": "V"}})
+    assert str(refused.value).endswith(
+        "output 'y' must be a signal, such as 'plant.y', got {'signal': 'gain', 'unit': 'V'}. "
+        "Units of outputs are given by output_units."
+    )
+    with pytest.raises(DiagramError, match=r"output 'y' must be a signal, such as 'plant\.y', got 3"):
+        Diagram(blocks={"gain": Gain()}, inputs={"u": "gain.u"}, outputs={"y": 3})

@@ -39,3 +39,40 @@ def test_without_any_unit_there_is_none():
     assert unit_of("gap.half_width", diagram, [Play.fields()["half_width"]]) == ""
     assert unit_of("step.after", diagram, [Step.fields()["after"]]) == ""
     assert unit_of("nothing.after", diagram, [Step.fields()["after"]]) == ""
+
+
+def nested(unit, depth=1, **edges):
+    """A gap inside ``depth`` diagrams without units, behind a source with one."""
+    inner = tsm.Diagram(
+        blocks={"gap": Play(), "limit": RateLimit()},
+        wires=["gap -> limit"],
+        inputs={"u": "gap.u"},
+        outputs={"y": "limit"},
+    )
+    for _ in range(depth - 1):
+        inner = tsm.Diagram(blocks={"in": inner}, inputs={"u": "in.u"}, outputs={"y": "in.y"})
+    return tsm.Diagram(blocks={"tip": inner}, inputs={"x": tsm.Inlet("tip.u", unit)}, outputs={"y": "tip.y"}, **edges)
+
+
+@pytest.mark.parametrize("depth", [1, 2, 3])
+def test_units_of_signals_reach_parameters_inside_of_diagrams(depth):
+    diagram = nested("mm", depth)
+    way = ".".join(["tip", *["in"] * (depth - 1)])
+    assert diagram.unit(f"{way}.gap.y") == "mm"
+    assert unit_of(f"{way}.gap.half_width", diagram, [Play.fields()["half_width"]]) == "mm"
+    assert unit_of(f"{way}.limit.rising", diagram, [RateLimit.fields()["rising"]]) == "mm/s"
+    assert nested("", depth).unit(f"{way}.gap.y") == ""
+    behind = nested("", depth, output_units={"y": "rad"})
+    assert unit_of(f"{way}.gap.half_width", behind, [Play.fields()["half_width"]]) == "rad"
+    again = diagram.rewire(inputs={"x": tsm.Inlet("tip.u", "V")})
+    assert again.unit(f"{way}.gap.y") == "V"
+
+
+def test_one_inner_diagram_has_the_units_of_each_place():
+    inner = tsm.Diagram(blocks={"gap": Play()}, inputs={"u": "gap.u"}, outputs={"y": "gap"})
+    both = tsm.Diagram(
+        blocks={"left": inner, "right": inner},
+        inputs={"a": tsm.Inlet("left.u", "mm"), "b": tsm.Inlet("right.u", "V")},
+        outputs={"x": "left.y", "v": "right.y"},
+    )
+    assert (both.unit("left.gap.y"), both.unit("right.gap.y")) == ("mm", "V")

@@ -146,6 +146,8 @@ def _tracks(run: Any) -> bool:
 
 def summarise(run: Any, diagram: str, record: Any = None, residuals: Any = None) -> dict[str, Any]:
     """All that the command reports of a run, as plain values."""
+    from tsmblocks.common.units import displayed_in
+
     made: dict[str, Any] = {
         "diagram": diagram,
         "title": run.title,
@@ -162,7 +164,8 @@ def summarise(run: Any, diagram: str, record: Any = None, residuals: Any = None)
     for name in run.aliases or run.keys():
         y = run[name]
         extremes = {"min": float(y.min()), "max": float(y.max()), "last": float(y[-1])}
-        made["outputs"][name] = {"unit": run.unit(name), **extremes}
+        recorded = [record.unit(name)] if record is not None and name in record else []
+        made["outputs"][name] = {"unit": displayed_in(run.unit(name), recorded), **extremes}
     if residuals is not None:
         made["measured"] = [{**d.to_dict(), "peak_to_peak": d.peak_to_peak} for d in residuals]
     if _tracks(run):
@@ -178,7 +181,9 @@ def _error(error: Any) -> dict[str, Any]:
 
 
 def summary_text(summary: dict[str, Any]) -> str:
-    """The summary as text."""
+    """The summary as text, outputs in the units of the recording, angles in degrees."""
+    from tsmblocks.common.units import display_unit
+
     title = summary["title"] or summary["diagram"]
     span = f"{summary['start']:g} to {summary['stop']:g} s in steps of {summary['step']:g} s"
     kept = f", every {summary['every']}th kept" if summary["every"] > 1 else ""
@@ -189,7 +194,8 @@ def summary_text(summary: dict[str, Any]) -> str:
         return f"{first}\n\n{_tracking_table(summary['tracking_error'])}{last}"
     rows: list[tuple[str, ...]] = [("output", "unit", "min", "max", "last")]
     for name, y in summary["outputs"].items():
-        rows.append((name, y["unit"], *(f"{y[k]:.4g}" for k in ("min", "max", "last"))))
+        factor, unit = display_unit(y["unit"])
+        rows.append((name, unit, *(f"{factor * y[k]:.4g}" for k in ("min", "max", "last"))))
     return f"{first}\n\n{columns(rows, left=frozenset({0, 1}))}{last}"
 
 

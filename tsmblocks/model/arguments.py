@@ -12,6 +12,7 @@ import attrs
 
 from tsmblocks.common.errors import DiagramError
 from tsmblocks.model.block import Block
+from tsmblocks.model.unit_inference import units_inside
 from tsmblocks.model.validation import Checked, examine, kind_faults
 from tsmblocks.model.values import plain
 from tsmblocks.model.wires import chains, end_text, not_a_block
@@ -95,7 +96,7 @@ def meaning(diagram: Diagram, diagrams: type[Diagram]) -> dict[str, Any]:
         "outputs": read_only({k: end_text(end) for k, end in checked.shown.items()}),
         "inlets": read_only(checked.inlets),
         "shown": read_only(checked.shown),
-        "port_units": read_only(checked.port_units),
+        "port_units": read_only({**checked.port_units, **units_inside(diagram.blocks, checked.port_units)}),
         "interface": read_only(checked.interface),
     }
 

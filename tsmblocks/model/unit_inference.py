@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from tsmblocks.common import units
-from tsmblocks.model.wires import End, Link, end_text, placed
+from tsmblocks.model.wires import End, Link, end_text, inlet_links, placed
 
 Interface = dict[str, tuple[str, units.Unit]]
 """Port -> the group of ports that share its unknown unit ("" where it is known), and its unit or power in the group."""
@@ -185,6 +185,26 @@ def unit_faults(
     port_units = {end: known for end in ends if (known := survey.units.known(end)) is not None}
     interface = survey.interface({**{name: ("", name) for name in declared}, **shown})
     return [*survey.faults, *_link_faults(survey, links, wrong)], port_units, interface
+
+
+def units_inside(blocks: Mapping[str, Any], known: Mapping[End, units.Unit]) -> dict[End, units.Unit]:
+    """Units inside the diagrams among ``blocks`` that follow from the ``known`` units of their inputs and outputs.
+
+    The port of an end of the result is ``inner.port``, seen from the diagram around it.
+    """
+    result = dict[End, units.Unit]()
+    for name, inner in blocks.items():
+        unknown = [port for port, (group, _) in getattr(inner, "interface", {}).items() if group]
+        given = {port: unit_label(known[name, port]) for port in unknown if (name, port) in known}
+        if given:
+            declared = {port: given.get(port, inlet.unit) for port, inlet in inner.inputs.items()}
+            shown = {**inner.output_units, **given}
+            _, own, _ = unit_faults(
+                [*inner.links, *inlet_links(inner.inlets)], declared, inner.blocks, inner.shown, shown
+            )
+            own |= units_inside(inner.blocks, own)
+            result |= {(name, ".".join(end)): unit for end, unit in own.items() if end[0]}
+    return result
 
 
 def _link_faults(survey: _Survey, links: list[Link], wrong: list[Link]) -> Iterator[str]:

@@ -107,6 +107,16 @@ def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
                 yield f"simulation must be a Simulation, got {in_words(given)}."
         elif not what and name != "wires" and not isinstance(given, str):
             yield f"{name} must be text, got {in_words(given)}."
+        elif name == "outputs":
+            yield from _signal_faults(given)
+
+
+def _signal_faults(outputs: Mapping[str, Any]) -> Iterator[str]:
+    """Outputs that are no names of signals."""
+    for name, signal in outputs.items():
+        if not isinstance(signal, str):
+            also = " Units of outputs are given by output_units." if isinstance(signal, Mapping) else ""
+            yield f"output '{name}' must be a signal, such as 'plant.y', got {in_words(signal)}.{also}"
 
 
 def _read_wires(wires: Any, blocks: Mapping[str, Any], others: Mapping[str, str]) -> tuple[list[Link], list[str]]:
