@@ -37,6 +37,7 @@ from tsmblocks.blocks.friction import CoulombFriction as CoulombFriction
 from tsmblocks.blocks.friction import DahlFriction as DahlFriction
 from tsmblocks.blocks.friction import LuGreFriction as LuGreFriction
 from tsmblocks.blocks.friction import QuadraticDrag as QuadraticDrag
+from tsmblocks.blocks.friction import SlidingMass as SlidingMass
 from tsmblocks.blocks.friction import StribeckFriction as StribeckFriction
 from tsmblocks.blocks.friction import ViscousFriction as ViscousFriction
 from tsmblocks.blocks.function import function_block as function_block

@@ -6,14 +6,12 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.blocks.shared import check_limits, limited
+from tsmblocks.blocks.shared import LONG_AGO, check_limits, limited
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
 FAR = 800.0
 """Distance from a limit, in softnesses, beyond which nothing is rounded. Derived: e^-800 is zero in doubles."""
-LONG_AGO = -1e9
-"""Initial time [s], so early that a rate limit since then does not bind. Chosen finite, so that derivatives are."""
 
 
 @block

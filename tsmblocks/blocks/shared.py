@@ -11,6 +11,9 @@ from tsmblocks.common.errors import ParameterError
 
 UNIT = "unit of the signal; empty means that of whatever it drives"
 UNIT_IN = "unit of the input; empty means that of whatever drives it"
+LONG_AGO = -1e9
+"""Initial time [s] of the last step, before any run: in the first step nothing is limited by the time that passed.
+Chosen finite, so that derivatives are."""
 
 
 def check_limits(block: Any) -> None:

@@ -42,6 +42,7 @@ OTHER_NAMES: dict[str, tuple[str, ...]] = {
     "SensorNoise": ("White noise", "Band limited white noise", "Random number"),
     "Sign": ("Signum",),
     "Sine": ("Sine wave", "Signal generator"),
+    "SlidingMass": ("Mass with stop and friction", "Translational friction", "Coulomb and viscous friction"),
     "StateMachine": ("Stateflow", "Chart"),
     "StateSpace": ("ss", "LTI system"),
     "StribeckFriction": ("Joint friction",),

@@ -42,6 +42,7 @@ BLOCKS: dict[str, tuple[str, ...]] = {
     "Relay": ("Hysteresis switch", "Schmitt trigger", "Two-point controller"),
     "Ripple": ("Eccentricity", "Cogging", "Torque ripple"),
     "Saturation": ("Saturate", "Actuator limit"),
+    "SlidingMass": ("Stick-slip", "Stiction", "Karnopp", "Set-valued friction", "Dry friction with sticking"),
     "StateMachine": ("Finite state machine", "Mode logic"),
     "StribeckFriction": ("Stribeck", "Stribeck curve", "Breakaway torque"),
     "ViscousFriction": ("Damping", "Damper", "Viscous damping"),

@@ -220,6 +220,14 @@ REMEMBERING: list[Make] = [
     lambda r: B.SoftRateLimit(
         rising=_some(r, 0.5, 6), falling=-_some(r, 0.5, 6), softness=_some(r, 0.05, 0.5), lag=_some(r, 0.005, 0.1)
     ),
+    lambda r: B.SlidingMass(
+        mass=_some(r, 0.2, 2),
+        coulomb=_some(r, 0, 0.5),
+        breakaway=_some(r, 0, 0.3),
+        stribeck=_some(r, 0.05, 0.5),
+        viscous=_some(r, 0, 0.5),
+        v=_either(r, 0, 0.5),
+    ),
     lambda r: B.Lag(time_constant=r.choice((0.0, 0.003, 0.05, 0.4))),
     lambda r: B.Relay(
         on=_some(r, 0, 0.5),

@@ -130,6 +130,44 @@ law(
     still=False,
 )
 
+# ---- a mass that sticks
+
+
+def _slid(v: Any, gain: Any, lost: Any) -> Any:
+    """Speed after an even acceleration and dry friction, by where the mass stops."""
+
+    def begun(share: Any) -> Any:
+        if abs(n.plain(gain)) <= n.plain(lost):
+            return 0.0 * gain
+        return share * (gain - n.sign_of(n.plain(gain)) * lost)
+
+    way = n.sign_of(n.plain(v))
+    if way == 0.0:
+        return begun(1.0)
+    end = v + gain - way * lost
+    return end if way * n.plain(end) > 0 else begun(1.0 - way * v / (lost - way * gain))
+
+
+def _sliding_mass(b: Any, t: Any, x: Any, u: Any) -> Any:
+    if math.isnan(x.time):
+        return x.v
+
+    def lost(v: Any) -> Any:
+        return (b.coulomb + b.breakaway * n.exp(-((v / b.stribeck) ** 2))) * (t - x.time) / b.mass
+
+    first = _slid(x.v, x.gained - x.before, lost(x.v))
+    return _slid(x.v, x.gained - x.before, lost(0.5 * (n.magnitude(x.v) + n.magnitude(first))))
+
+
+law(
+    "SlidingMass",
+    _sliding_mass,
+    rates={"gained": lambda b, t, x, u: (u.u - b.viscous * _sliding_mass(b, t, x, u)) / b.mass},
+    updates={"v": _sliding_mass, "before": lambda b, t, x, u: x.gained, "time": _now},
+    start=lambda b: {"v": b.v, "gained": 0.0, "before": 0.0, "time": math.nan},
+    still=False,
+)
+
 # ---- switches with memory
 
 
