@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import tsmblocks as tsm
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record, from_pandas, read
 from tsmblocks.data.missing_units import assumed_units, how_to_map, likely_unit, refuse_doubtful
@@ -156,6 +157,17 @@ def test_an_optional_signal_in_another_spelling_is_noted(tmp_path):
     )
     mapped = read(path, only=["u"], also=["theta_m"], map={"theta_m": "Theta M"})
     assert (mapped.names, mapped.notes) == (("u", "theta_m"), ())
+
+
+def test_an_optional_signal_under_a_similar_name_is_noted_and_a_used_one_is_not(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t,motor,joint_angle\n" + "".join(f"{k},{k},{k}\n" for k in range(9)), encoding="utf-8")
+    (note,) = read(path, only=["motor"], also=["joint", "motor_2"]).notes
+    assert note.startswith("there is no 'joint', and 'joint_angle' is not used. To use it, map it: map={'joint': ")
+    plant = tsm.Diagram(blocks={"gain": tsm.blocks.Gain()}, inputs={"motor": "gain.u"}, outputs={"joint": "gain"})
+    both = plant.rewire(outputs={"joint": "gain", "y": "gain"})
+    record = tsm.Record("r", range(50), {"motor": range(50), "joint_angle": range(50), "y": range(50)}, {})
+    assert any("'joint_angle' is not used" in text for text in tsm.fit(both, record, starts=1).notes)
 
 
 @pytest.mark.parametrize("others", [("Theta", "THETA"), ("theta_m_2",), ("eta",)])

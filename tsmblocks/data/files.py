@@ -247,7 +247,7 @@ def _record(source: Source, name: str, options: ReadOptions) -> Record:
     table = repaired(Table(origin, names, units, data, rows, numbers, (), options.tail, options.gaps, requested))
     notes = (*source.notes, *_column_notes(places, columns, labels), *_time_notes(source, options, table), *table.notes)
     notes += tuple(_left_out([columns[place][0] for place in wordy]))
-    notes += tuple(spelling_notes(options.also, [*places, *sorted(unused)]))
+    notes += tuple(spelling_notes([*options.also], [*places], sorted(unused - places.keys())))
     labels = {k: u for k, u in zip(table.names[1:], table.units[1:], strict=True) if u}
     return Record(name, table.values[:, 0], dict(table.signals()), labels, origin, notes, table.filled)
 

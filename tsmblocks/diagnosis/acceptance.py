@@ -9,6 +9,7 @@ import numpy as np
 from tsmblocks.diagnosis.critical_gains import is_of_time
 from tsmblocks.diagnosis.decision import mean_loss
 from tsmblocks.diagnosis.oscillation import is_oscillation
+from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 
 MIN_EXCESS_SHARE = 0.5
@@ -26,6 +27,9 @@ MIN_SHARE_BESIDE = 1e-3
 """Share of all that was removed, in every output, below which that holds however large it is beside the noise. Chosen:
 the smoothed sign of a friction leaves more of a mechanism that sticks, where the noise is a hundred thousandth of the
 motion."""
+MAX_HARM_SHARE = 0.5
+"""Rise of the loss of experiments held out whole, over the fall of that of blocks, up to which a further effect is
+accepted. Chosen: one that is there lowers both, and one that takes up an error of form does not carry over."""
 CLEAR_SIGNIFICANCE = 2.0
 """t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
 Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
@@ -41,7 +45,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     noise only is accepted all the same where it is clearly significant and no second effect of the same name. Several
     further ones are accepted that together remove ``MIN_JOINT_SHARE`` of what remained, more than errors of form do.
 
-    None are accepted that leave more than a candidate at a disqualifying bound would.
+    None are accepted that leave more than a candidate at a disqualifying bound would, and none beside others that make
+    the error of experiments larger that are held out whole.
     """
     losses = [mean_loss(one.losses, search.blocks) for one in rounds]
     noise = attained_noise(rounds, search)
@@ -58,6 +63,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
         if share_so_far < MIN_EXCESS_SHARE:
             first = share_of_rest >= MIN_EXCESS_SHARE and count == k - 1
             count = k if first or joint_share >= MIN_JOINT_SHARE else count
+        elif not _carries_over(rounds, count, k, search):
+            continue
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
             small = removed < MIN_SHARE_OF_REMOVED * (before - losses[k])
             complete = share_of_rest >= MIN_JOINT_SHARE
@@ -68,6 +75,15 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             material = together >= MIN_SHARE_OF_REMOVED * (before - losses[k])
             count = k if material and together >= MIN_JOINT_SHARE * (losses[count] - noise) else count
     return count
+
+
+def _carries_over(rounds: Sequence[SearchRound], before: int, after: int, search: SearchContext) -> bool:
+    """Whether further effects do not make the error of whole experiments larger that are held out."""
+    if len({experiment_of(one.name) for one in rounds[0].base.setup.experiments}) < 2:
+        return True
+    a, b = rounds[before], rounds[after]
+    harm = mean_loss(b.experiment_losses, search.blocks) - mean_loss(a.experiment_losses, search.blocks)
+    return harm <= MAX_HARM_SHARE * (mean_loss(a.losses, search.blocks) - mean_loss(b.losses, search.blocks))
 
 
 def _is_beside(rounds: Sequence[SearchRound], k: int, share: float) -> bool:

@@ -17,6 +17,8 @@ from tsmblocks.fitting.text import estimate_cautions, tangled
 MAX_STATE_CAUTIONS = 2
 """Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
 
+INCOMPLETE = "The model leaves more than noise, so the intervals of its parameters do not cover their error."
+"""The caution on the parameters of a model that lacks something."""
 MIN_LOSS_ACROSS = 0.05
 """Share of the error above the noise floor by which an effect makes it larger on experiments held out, from which it
 is reported. Chosen: below it the estimates of the other parameters may be the cause."""
@@ -37,12 +39,15 @@ def do_not_carry_over(across: Mapping[str, float | None]) -> list[str]:
     ]
 
 
-def cautions(fit: Fit, across: Mapping[str, float | None]) -> list[str]:
-    """Cautions on effects and estimates, a sentence each; many on initial states as one sentence."""
+def cautions(fit: Fit, across: Mapping[str, float | None], complete: bool = True) -> list[str]:
+    """Cautions on effects and estimates, a sentence each; many on initial states as one sentence.
+
+    ``across`` is that of ``do_not_carry_over``; ``complete`` is False where the model leaves more than noise.
+    """
     every, others = estimate_cautions(fit), _without_states(fit)
     few = len(every) - len(others) <= MAX_STATE_CAUTIONS
     estimates = every if few else [*others, *_on_states(fit)]
-    return [*do_not_carry_over(across), *estimates, *beyond_range(fit)]
+    return [*do_not_carry_over(across), *([] if complete else [INCOMPLETE]), *estimates, *beyond_range(fit)]
 
 
 def _states(fit: Fit) -> set[str]:

@@ -21,7 +21,7 @@ from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
-from tsmblocks.diagnosis.commands import NO_COMMANDS, Commands, OtherCommands
+from tsmblocks.diagnosis.commands import OtherCommands
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
 from tsmblocks.diagnosis.evidence import Evidence, evidence
@@ -31,9 +31,9 @@ from tsmblocks.diagnosis.forward_selection import forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories
 from tsmblocks.diagnosis.model import Model, ProgressCallback
 from tsmblocks.diagnosis.noise_floor import doubtful_floors, input_noise_rms, noise_level, propagated_input_noise
-from tsmblocks.diagnosis.partition import Part, partition
+from tsmblocks.diagnosis.partition import partition
 from tsmblocks.diagnosis.plain_states import with_plain_states
-from tsmblocks.diagnosis.preparation import Prepared, prepared
+from tsmblocks.diagnosis.preparation import Prepared, prepared, prepared_again
 from tsmblocks.diagnosis.quantities import recorded_units
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
@@ -178,7 +178,7 @@ def diagnose(
         parts = iter(partition(request.diagram, request.measured))
         while not interrupted and (part := next(parts, None)) is not None:
             try:
-                one, interrupted, more = _diagnosed(part, request, report)
+                one, interrupted, more = _diagnosed(prepared(part, request, report), report)
                 done.append(one)
                 notes += more
             except KeyboardInterrupt:  # before the first candidates of this part were fitted
@@ -213,15 +213,12 @@ def _without_result(limit: float | None) -> RunError:
     )
 
 
-def _diagnosed(
-    part: Part, request: Request, progress: ProgressCallback, commands: Commands = NO_COMMANDS
-) -> tuple[DiagnosedPart, bool, list[str]]:
+def _diagnosed(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPart, bool, list[str]]:
     """All steps for one part of the diagram, whether Ctrl-C ended the search early, and notes.
 
-    ``commands`` are inputs that are known to be commands. Where a model with effects shows more of them, the search
-    restarts.
+    Where a model with effects shows inputs to be commands, the search restarts.
     """
-    ready = prepared(part, request, progress, commands)
+    part, request = ready.part, ready.request
     predicted, rounds = evidence(ready.base, request.settings.seed), list[SearchRound]()
     search, interrupted, omitted, notes = _context(ready, predicted, progress), False, list[Omission](), list[str]()
     try:
@@ -232,7 +229,7 @@ def _diagnosed(
         notes += more
     except OtherCommands as shown:
         with contextlib.suppress(KeyboardInterrupt):
-            return _diagnosed(part, request, progress, shown.found)
+            return _diagnosed(prepared_again(ready, shown.found, progress), progress)
         interrupted = True
     except KeyboardInterrupt:
         if not rounds:

@@ -249,7 +249,8 @@ def _inside_the_transmission(diagram: Diagram, output: str, source: str) -> Iter
     """Wires inside the model that have a position: from one part of a transmission to the next.
 
     Either nothing acts back on what moves the wire, and it has dynamics on both of its sides (``"transmission"``), or
-    it is the difference of two positions that both depend on it, the deflection of an elastic part (``"deflection"``).
+    it is the difference of two positions of which one depends on it, and the other does so too or is an input: the
+    deflection of an elastic part (``"deflection"``).
     """
     for port in _upstream(diagram, diagram.shown[output][0]):
         signal = source_of(diagram, port)
@@ -266,11 +267,11 @@ def _inside_the_transmission(diagram: Diagram, output: str, source: str) -> Iter
 
 
 def _is_deflection(diagram: Diagram, difference: str, port: str) -> bool:
-    """Whether the block ``difference`` takes two signals that a force at ``port`` moves from one another."""
+    """Whether the block ``difference`` takes a signal that a force at ``port`` moves from another, or from an input."""
     ends = [".".join(x.source) for x in diagram.links if x.target[0] == difference]
-    all_ends = len(ends) + sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)
+    inputs = sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)
     moved = (integration_count(diagram, end, before=port, after="") >= FORCE_TO_POSITION for end in ends)
-    return isinstance(diagram.blocks[difference], Sum) and len(ends) == all_ends > 1 and all(moved)
+    return isinstance(diagram.blocks[difference], Sum) and len(ends) > 0 and len(ends) + inputs > 1 and all(moved)
 
 
 def _downstream(diagram: Diagram, block: str) -> set[str]:

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 import attrs
 
-from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each
+from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each, is_held
+from tsmblocks.common.tables import few
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import all_conditioned
 from tsmblocks.diagnosis.arguments import Request
@@ -45,6 +46,9 @@ DELAY = "delay"
 MAX_ERROR_SHARE = 0.7
 """Residual with held inputs over that without [rms], at most. Chosen: half of the mean square; a gap that is missing
 delays as well, and a hold takes less than that off."""
+MAX_ERROR_GROWTH = 1.3
+"""Residual of a base with commands that a model with effects showed over that without [rms], at most. Chosen: where the
+effect that is missing is large they change little, and where it is small the right ones leave no more."""
 
 
 @attrs.frozen(eq=False)
@@ -52,7 +56,8 @@ class Prepared:
     """A part of a diagram, its base fitted to recordings that are prepared for it.
 
     ``raw`` are the ``records`` before noise of the inputs in ``filtered`` was removed, both in pieces where the
-    simulation restarts. ``commands`` are the inputs that the outputs showed to be commands.
+    simulation restarts. ``commands`` are the inputs that the outputs showed to be commands; no more of them are looked
+    for where they are ``settled``.
     """
 
     part: Part
@@ -65,6 +70,7 @@ class Prepared:
     filtered: tuple[str, ...]
     commands: Commands
     notes: tuple[str, ...]
+    settled: bool = False
 
     def check(self, model: Model) -> None:
         """Raise OtherCommands where a model shows inputs to be commands, beyond those that are known."""
@@ -73,7 +79,7 @@ class Prepared:
 
     def check_named(self, base: Model, named: FittedCandidate) -> None:
         """Raise OtherCommands where the hold of an input explains as much as a delay that was named beside ``base``."""
-        if named.candidate.effect.family != DELAY:
+        if self.settled or named.candidate.effect.family != DELAY:
             return
         if found := commands_instead(base, named.model, self._may_be_held):
             raise OtherCommands(self.commands.joined(found))
@@ -86,6 +92,8 @@ class Prepared:
 
     def commands_of(self, model: Model, distance: float = MAX_DISTANCE) -> Commands:
         """The inputs that the outputs show to be commands, beyond those that are known."""
+        if self.settled:
+            return NO_COMMANDS
         given = self.request.diagram.inports.keys()  # of the whole: those that join two parts were measured
         return found_commands(model, self.raw, given & {*self.filtered}, self._may_be_held, distance)
 
@@ -107,10 +115,19 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
     return other if kept else found
 
 
+def prepared_again(ready: Prepared, commands: Commands, progress: ProgressCallback) -> Prepared:
+    """Prepared with commands that a model with effects showed; as before where the base is worse with them."""
+    other = prepared(ready.part, ready.request, progress, commands)
+    return other if other.error <= MAX_ERROR_GROWTH * ready.error else attrs.evolve(ready, settled=True)
+
+
 def _with_commands(part: Part, request: Request, progress: ProgressCallback, commands: Commands) -> Prepared:
     """The recordings prepared and the base fitted, with no other commands than these."""
     notes = [f"{part.name}: {text}" for text in commands.notes]
-    filtered = tuple(k for k in part.diagram.inputs if request.condition and k not in commands.exact)
+    without_noise = _held_inputs(part, request.records)
+    exact = {*commands.exact, *without_noise}
+    filtered = tuple(k for k in part.diagram.inputs if request.condition and k not in exact)
+    notes += _unfiltered_notes(part, request, commands, without_noise)
     records, settings = _conditioned(request, filtered, progress, notes), request.settings
     raw, compared = request.records, within_windows(request.records, settings.window)
     floors = noise_floors(compared, part.diagram, part.outputs, request.noise_floors)
@@ -118,11 +135,32 @@ def _with_commands(part: Part, request: Request, progress: ProgressCallback, com
     settings = attrs.evolve(settings, hold=_holds(part, records, settings, commands, notes))
     if (piece := _piece_length(part, records, settings, progress)) is not None:
         records, raw, settings = _in_pieces(part, piece, records, compared, settings)
-        notes.append(f"{part.name}: the plant integrates, so its simulation restarts every {piece:g} s.")
+        notes.append(
+            f"{part.name}: errors of the model last in this plant, so its simulation restarts every {piece:g} s."
+        )
     base, floors, lowered = _base(part, records, settings, progress, floors, compared)
     settings = attrs.evolve(settings, sigma=floors.sigma)
     notes += [*floors.notes, *lowered]
     return Prepared(part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes))
+
+
+def _held_inputs(part: Part, records: Mapping[str, Record]) -> dict[str, list[str]]:
+    """The inputs that are piecewise constant in some recordings, and those recordings."""
+    inputs = part.diagram.inputs
+    found = {k: [name for name, one in records.items() if k in one and is_held(one[k])] for k in inputs}
+    return {k: names for k, names in found.items() if names}
+
+
+def _unfiltered_notes(
+    part: Part, request: Request, commands: Commands, without_noise: Mapping[str, list[str]]
+) -> list[str]:
+    """Notes on inputs that are not filtered, though they look noisy in some recordings."""
+    return [
+        f"{part.name}: {k} was not filtered: it is piecewise constant in {few(names)}, so it has no noise. If it is "
+        "held between samples in the other recordings as well, give hold='zero', or --hold zero."
+        for k, names in without_noise.items()
+        if request.condition and k not in commands.exact and len(names) < len(request.records)
+    ]
 
 
 def _conditioned(

@@ -25,8 +25,9 @@ MIN_RECORDINGS, MOST = 3, 0.5
 """Recordings at least, and share of them, in which a sudden change of a loop is clear of zero, from which it is no
 event: what has changed stays so, and does not begin anew in each recording. Chosen: two may be a coincidence."""
 COMPLETE = 0.95
-"""Share of the excess that such changes remove, from which they are an event all the same: one change in each
-recording imitates an error that comes and goes in part only. Chosen."""
+"""Share of the excess that such changes remove, from which they are an event all the same where nothing else was named:
+one change in each recording imitates an error that comes and goes in part only, or an error of form beside others.
+Chosen."""
 SAME_LINE = 0.02
 """Relative distance of a frequency from a multiple of another one up to which they are one line. Chosen."""
 SAME_INSTANT = 10.0
@@ -85,7 +86,7 @@ def _imitations(
         return own
     loops = [one for one in sudden if one.candidate.effect.variant.startswith("loop")]
     everywhere = [one for one in loops if _is_everywhere(last, base, one)]
-    return [] if everywhere and _explain_everything(rounds, search) else everywhere
+    return [] if everywhere and len(named) == 1 and _explain_everything(rounds, search) else everywhere
 
 
 def _is_everywhere(last: Model, base: Model, one: FittedCandidate) -> bool:

@@ -224,4 +224,5 @@ class Segment:
     @property
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the effects and on the parameters of the last model, the latter as a fit of it would give."""
-        return () if self.fit is None else tuple(cautions(self.fit, {e.block: e.across for e in self.effects}))
+        across = {e.block: e.across for e in self.effects}
+        return () if self.fit is None else tuple(cautions(self.fit, across, self.complete))

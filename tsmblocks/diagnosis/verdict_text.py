@@ -306,6 +306,8 @@ def _other_outputs(segment: Segment, reported: Gap) -> str:
         k, unit = display_unit(gap.unit)
         before, floor = digits(k * gap.held_out[0]), digits(k * gap.noise_floor)
         after = _rms(k * gap.held_out[-1], unit)
+        if after.partition(" ")[0] == before:
+            continue
         found.append(f" That of {gap.output} {_goes(gap)} from {before} to {after} (noise floor {floor}).")
     return "".join(found)
 

@@ -124,7 +124,7 @@ ASYMMETRY = Effect(
 POSITION_DEPENDENCE = Effect(
     "position_dependent_friction",
     "loop",
-    "hysteresis whose width grows with the position",
+    "hysteresis whose width depends on the position",
     "across",
     PositionDependentLoop(),
     {"gain": 0.0},

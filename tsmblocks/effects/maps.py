@@ -32,7 +32,12 @@ LIMITS = (in_proportion("lower limit", "low"), in_proportion("upper limit", "hig
 
 
 def _slope_lost(p: Mapping[str, float], scales: Scales) -> float:
-    """By how much a soft saturation is flatter in the outer half of the range than in the inner one [%]."""
+    """By how much a soft saturation is flatter in the outer half of the range than in the inner one [%].
+
+    NaN where its limits cross, as they may within the interval of limits that are hardly determined.
+    """
+    if not p["low"] < p["high"]:
+        return math.nan
     block = SoftSaturation(low=p["low"], high=p["high"], softness=p["softness"])
     largest = max(scales.wire.low, scales.wire.high, key=abs)
     none, half, whole = (

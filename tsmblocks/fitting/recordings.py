@@ -77,11 +77,12 @@ def without_units(records: Mapping[str, Record], diagram: Diagram, outputs: Iter
     wanted = {k: diagram.unit(k) for k in (*diagram.inports, *outputs)}
     for name, record in records.items():
         refuse_doubtful(name, record, wanted)
-    return [
-        f"{name}: {text}"
-        for name, record in records.items()
-        for text in (*spelling_notes(diagram.outputs, record.names), *assumed_units(record, wanted))
-    ]
+    notes = list[str]()
+    for name, record in records.items():
+        unused = [k for k in record.names if k not in diagram.inputs and k not in diagram.outputs]
+        texts = (*spelling_notes(diagram.outputs, record.names, unused), *assumed_units(record, wanted))
+        notes += [f"{name}: {text}" for text in texts]
+    return notes
 
 
 def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple[Diagram, list[str]]:
