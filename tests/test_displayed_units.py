@@ -87,3 +87,9 @@ def test_without_another_unit_of_the_same_quantity_a_label_stays(label, recorded
 def test_a_displayed_unit_keeps_both_units_in_a_pickle():
     again = pickle.loads(pickle.dumps(DisplayedUnit("Pa", "bar")))
     assert (again, again.shown) == ("Pa", "bar")
+
+
+def test_no_unit_is_not_a_pure_number_that_a_recording_has_in_percent():
+    assert display_unit(displayed_in("%", ["", "%"])) == (1.0, "%")
+    assert display_unit(displayed_in("", ["%"])) == (1.0, "")
+    assert display_unit(displayed_in("1", ["%"])) == (pytest.approx(100.0), "%")

@@ -249,10 +249,13 @@ def display_unit(label: str) -> tuple[float, str]:
 
 
 def displayed_in(label: str, recorded: Iterable[str]) -> str:
-    """The label, displayed in the first of some units that measures the same quantity; as it is where none does."""
-    if not is_unit(label):
+    """The label, displayed in the first of some units that measures the same quantity; as it is where none does.
+
+    An empty label is that of no unit, and no pure number that another one measures.
+    """
+    if not label or not is_unit(label):
         return label
-    alike = (one for one in recorded if is_unit(one) and parse(one).dimension == parse(label).dimension)
+    alike = (one for one in recorded if one and is_unit(one) and parse(one).dimension == parse(label).dimension)
     _, shown = display_unit(next(alike, label))
     return label if shown == display_unit(label)[1] else DisplayedUnit(str(label), shown)
 
