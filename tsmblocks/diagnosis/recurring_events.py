@@ -25,9 +25,9 @@ MIN_RECORDINGS, MOST = 3, 0.5
 """Recordings at least, and share of them, in which a sudden change of a loop is clear of zero, from which it is no
 event: what has changed stays so, and does not begin anew in each recording. Chosen: two may be a coincidence."""
 COMPLETE = 0.95
-"""Share of the excess that such changes remove, from which they are an event all the same where nothing else was named:
-one change in each recording imitates an error that comes and goes in part only, or an error of form beside others.
-Chosen."""
+"""Share of the excess that changes of a loop remove with the effects named before, from which they are events: another
+change at another instant in each recording imitates a part of any error, as of form of those before. Alone they may
+then be in every recording. Chosen."""
 SAME_LINE = 0.02
 """Relative distance of a frequency from a multiple of another one up to which they are one line. Chosen."""
 SAME_INSTANT = 10.0
@@ -54,8 +54,8 @@ def without_recurring_events(
     made.append(closing_round(model, shrinkage, attrs.evolve(search, effects=effects)))
     names = ", ".join(dict.fromkeys(one.candidate.effect.name for one in events))
     text = (
-        f"to explain the residual takes a sudden change ({names}) in most of the experiments: an error that comes back "
-        "so often is no event, and no effect is named for it."
+        f"a sudden change ({names}) of another size at another instant in each experiment takes up a part of the "
+        "residual: such changes imitate any error, and no effect is named for it."
         if len(events) == 1
         else f"to explain the residual takes {len(events)} changes over time ({names}), each with another size in each "
         "experiment: an error that comes and goes so often is irregular, and no effect is named for it."
@@ -86,7 +86,9 @@ def _imitations(
         return own
     loops = [one for one in sudden if one.candidate.effect.variant.startswith("loop")]
     everywhere = [one for one in loops if _is_everywhere(last, base, one)]
-    return [] if everywhere and len(named) == 1 and _explain_everything(rounds, search) else everywhere
+    if loops and _explain_everything(rounds, search):
+        return everywhere if len(named) > 1 else []
+    return loops if len(named) > 1 else everywhere
 
 
 def _is_everywhere(last: Model, base: Model, one: FittedCandidate) -> bool:
