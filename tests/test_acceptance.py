@@ -9,7 +9,9 @@ from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
 from tsmblocks.effects import catalogue
 
-SEARCH = SimpleNamespace(blocks=SimpleNamespace(sizes=np.ones(1)), noise=NoiseLevel(1.0, 1.0, 1.0))
+SEARCH = SimpleNamespace(
+    blocks=SimpleNamespace(sizes=np.ones(1), experiment=np.zeros(1, int)), noise=NoiseLevel(1.0, 1.0, 1.0)
+)
 EFFECTS = {(one.name, one.variant): one for one in catalogue()}
 
 
@@ -73,3 +75,20 @@ def test_a_small_second_effect_has_to_be_clearly_significant():
 )
 def test_a_large_effect_behind_a_small_one_is_accepted_with_it(losses, count):
     assert accepted_count(rounds(losses, [DRIFT, FRICTION, ("backlash", "")]), SEARCH) == count
+
+
+@pytest.mark.parametrize(
+    ("across", "count"),
+    [
+        pytest.param([9.0, 4.0, 3.0], 2, id="smaller there as well"),
+        pytest.param([9.0, 4.0, 4.5], 2, id="a little larger there"),
+        pytest.param([9.0, 4.0, 6.0], 1, id="larger there by more than it takes off elsewhere"),
+    ],
+)
+def test_a_second_effect_carries_over_to_experiments_that_are_held_out(across, count):
+    several = SimpleNamespace(**{**vars(SEARCH), "blocks": SimpleNamespace(sizes=np.ones(1), experiment=np.arange(2))})
+    made = rounds([9.0, 3.0, 1.0], [DRIFT, FRICTION])
+    for one, loss in zip(made, across, strict=True):
+        one.experiment_losses = np.array([loss])
+    assert accepted_count(made, several) == count
+    assert accepted_count(made, SEARCH) == 2  # a single experiment

@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
+from tsmblocks.diagnosis import preparation
+from tsmblocks.diagnosis.arguments import checked
 from tsmblocks.diagnosis.commands import Commands
+from tsmblocks.diagnosis.partition import partition
 
 STEP = 0.02
 PLANT = """
@@ -148,3 +151,36 @@ def test_a_fit_says_that_an_input_is_held(u):
 
 def test_a_fit_to_a_smooth_motion_says_nothing_of_holds(u):
     assert not [text for text in tsm.fit(tsm.loads(PLANT), recorded(u, hold="cubic")).notes if "held" in text]
+
+
+def test_a_restart_that_leaves_more_is_refused_and_no_other_is_looked_for(u, monkeypatch):
+    nothing = dict.fromkeys(("free", "noise_floor", "effects", "outputs", "window", "step", "progress"))
+    more = {"start_states": True, "condition": True, "seed": 0, "integrator": "rk4", "hold": "auto"}
+    request = checked(tsm.loads(PLANT), recorded(u, hold="cubic"), **nothing, **more)
+    (part,) = partition(request.diagram, request.measured)
+    ready = preparation.prepared(part, request, lambda *_: None)
+    held = Commands(held=("u",))
+
+    def with_noise(factor):
+        floors = attrs.evolve(ready.floors, sigma={k: factor * v for k, v in ready.floors.sigma.items()})
+        return attrs.evolve(ready, floors=floors, commands=held)
+
+    monkeypatch.setattr(preparation, "prepared", lambda *_: with_noise(1.2))
+    again = preparation.prepared_again(ready, held, lambda *_: None)
+    assert (again.commands, again.settled) == (held, False)
+    monkeypatch.setattr(preparation, "prepared", lambda *_: with_noise(1.4))
+    kept = preparation.prepared_again(ready, held, lambda *_: None)
+    assert (kept.commands, kept.settled) == (ready.commands, True)
+    assert kept.commands_of(ready.base, distance=100.0) == Commands()
+
+
+def test_a_command_that_is_seen_to_rest_in_one_recording_is_filtered_in_none(u):
+    noise = 0.02 * np.random.default_rng(3).standard_normal(u.size)
+    steps = np.repeat([0.0, 1.0, -0.5, 0.7, 0.2, -1.0], 200)
+    records = {"loop": recorded(u + noise, hold="zero"), "steps": recorded(steps, hold="zero", seed=1)}
+    found = diagnosed(records)
+    assert told(found, "u was not filtered: it is piecewise constant in steps, so it has no noise.")
+    assert not told(found, "u was filtered")
+    alone = diagnosed({"steps": records["steps"]})
+    assert not told(alone, "not filtered")
+    assert not told(diagnosed(records, condition=False), "not filtered")

@@ -274,6 +274,26 @@ def test_the_wire_that_drives_is_the_nearest_of_them():
     ]
 
 
+def test_a_part_between_an_input_and_a_position_that_it_moves_has_a_deflection():
+    driven = Diagram(
+        blocks={
+            "twist": Sum(signs="+-"),
+            "spring": Gain(gain=0.4, unit="N*m"),
+            "load": Gain(gain=4e3, unit="rad/s^2"),
+            "speed": Integrator(),
+            "angle": Integrator(),
+        },
+        wires=["twist -> spring -> load -> speed -> angle -> twist.minus"],
+        inputs={"motor": tsm.Inlet("twist.plus", "rad")},
+        outputs={"joint": "angle"},
+    )
+    assert ("deflection", "joint", "twist.y", "", "twist.y -> spring.u") in where(driven, ["joint"])
+    ahead = {"motor": tsm.Inlet("twist.plus", "rad"), "other": tsm.Inlet("twist.minus", "rad")}
+    blocks = {k: block for k, block in driven.blocks.items() if k != "angle"}
+    apart = Diagram(blocks=blocks, wires=["twist -> spring -> load -> speed"], inputs=ahead, outputs={"v": "speed"})
+    assert "deflection" not in [one[0] for one in where(apart, ["v"])]
+
+
 def test_an_output_that_shows_an_input_has_no_wire_between():
     through = Diagram(blocks={"k": Gain()}, inputs={"x": "k"}, outputs={"x_in": "x", "y": "k"})
     assert {s.output for s in insertion_points(through, ["x_in", "y"]) if s.place == "output"} == {"y"}

@@ -9,7 +9,6 @@ import numpy as np
 from tsmblocks.diagnosis.critical_gains import is_of_time
 from tsmblocks.diagnosis.decision import mean_loss
 from tsmblocks.diagnosis.oscillation import is_oscillation
-from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 
 MIN_EXCESS_SHARE = 0.5
@@ -79,7 +78,7 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
 
 def _carries_over(rounds: Sequence[SearchRound], before: int, after: int, search: SearchContext) -> bool:
     """Whether further effects do not make the error of whole experiments larger that are held out."""
-    if len({experiment_of(one.name) for one in rounds[0].base.setup.experiments}) < 2:
+    if not search.blocks.experiment.any():  # there is only one
         return True
     a, b = rounds[before], rounds[after]
     harm = mean_loss(b.experiment_losses, search.blocks) - mean_loss(a.experiment_losses, search.blocks)

@@ -288,7 +288,7 @@ def _reduction(segment: Segment) -> str:
     )
     floor, others = digits(k * gap.noise_floor), _other_outputs(segment, gap)
     if gap.held_out[-1] < REMAINING_ERROR_RATIO * gap.noise_floor or not gap.noise_floor > 0:
-        # else there is nothing that a share could be of; and where more than noise is left, the floor is no measure of it
+        # Else there is nothing that a share could be of; where more than noise is left, the floor does not measure it.
         above = segment.complete and gap.held_out[0] > gap.noise_floor
         by = f", by {percent(share)} of the error above the noise floor" if above else ""
         return f"{falls} (noise floor {floor}){by}.{others}"
