@@ -7,7 +7,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Integrator
 from tsmblocks.common import units
-from tsmblocks.common.units import UnitError, factor, same, times
+from tsmblocks.common.units import UnitError, factor, parse, same, split_heading, times
 
 
 @pytest.mark.parametrize(
@@ -93,3 +93,30 @@ def test_the_integral_of_a_rate_has_a_unit_that_can_be_read_again(rate, label):
         outputs={"h": "level"},
     )
     assert diagram.unit("h") == label
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("m3/h", "m^3/h"),
+        ("m³/h", "m^3/h"),
+        ("m/s2", "m/s^2"),
+        ("N/mm2", "N/mm^2"),
+        ("kg/m3", "kg/m^3"),
+        ("percent", "%"),
+    ],
+)
+def test_powers_may_be_written_without_a_sign(written, meant):
+    assert parse(written) == parse(meant)
+
+
+def test_a_number_in_round_brackets_is_that_of_a_motor():
+    assert split_heading("angle (m2)") == ("angle (m2)", "")
+    assert split_heading("flow (m3/h)") == ("flow", "m3/h")
+    assert split_heading("area [m2]") == ("area", "m2")
+
+
+@pytest.mark.parametrize("label", ["s4", "deg23", "m-2", "2m"])
+def test_other_digits_are_no_powers(label):
+    with pytest.raises(UnitError):
+        parse(label)

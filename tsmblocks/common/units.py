@@ -81,6 +81,7 @@ NAMES = tuple(_BASE)
 """Every unit that has a name."""
 _SPELLINGS = {
     "1": ("", "-"),
+    "%": ("percent", "pct"),
     "deg": ("°", "degree", "degrees"),
     "rad": ("radian", "radians"),
     "s": ("sec", "second", "seconds"),
@@ -148,7 +149,7 @@ def _parsed(label: str) -> Unit:
     """As ``parse``, of a text."""
     factor, powers = 1.0, dict[str, int]()
     for word, sign in _words(label):
-        name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+        name, power = _name_and_power(word)
         name = _ALIAS.get(name, name)
         if name not in _BASE or not re.fullmatch(r"(-?\d)?", power):
             raise UnitError(f"'{label}' is not a unit known here.{near(name, _BASE)}")
@@ -174,6 +175,13 @@ def _words(label: str) -> Iterator[tuple[str, int]]:
             both = f"{over}/({'*'.join(words)}) or {'*'.join([over, *words[1:]])}/{words[0]}"
             raise UnitError(f"'{label}' can be read in two ways. Write {both}.")
         yield from ((word, -1 if k else 1) for word in words)
+
+
+def _name_and_power(word: str) -> tuple[str, str]:
+    """A unit and its power, of ``s^2``, ``s**2``, ``s²`` or ``s2``; the power is empty where there is none."""
+    name, _, power = word.replace("**", "^").replace("²", "^2").replace("³", "^3").partition("^")
+    plain = re.fullmatch(r"([A-Za-zµΩ]+)([23])", name)
+    return (plain[1], plain[2]) if plain and not power and plain[1] in {*_BASE, *_ALIAS} else (name, power)
 
 
 def factor(source: str, target: str) -> float:
@@ -208,7 +216,7 @@ def base_unit(label: str) -> str:
         return label
     total = dict[str, int]()
     for word, sign in _words(label):
-        name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+        name, power = _name_and_power(word)
         _, powers = _BASE[_ALIAS.get(name, name)]
         plain = next((k for k, (size, same_powers) in _BASE.items() if size == 1 and same_powers == powers), None)
         for key, n in {plain: 1}.items() if plain else powers.items():
@@ -331,7 +339,7 @@ def quotient(above: str, below: str) -> str:
     powers = dict[str, int]()
     for label, side in ((above, 1), (below, -1)):
         for word, sign in _words(label):
-            name, _, power = word.replace("**", "^").replace("²", "^2").partition("^")
+            name, power = _name_and_power(word)
             powers[name] = powers.get(name, 0) + side * sign * int(power or 1)
     return _spelled(powers)
 
@@ -350,11 +358,11 @@ _HEADING = re.compile(r"\s*(.*?)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?\s*", re.DOTALL)
 def split_heading(text: str) -> tuple[str, str]:
     """Name and unit of ``"x_in [deg]"`` or ``"x_in (deg)"``; the unit is ``""`` when none is given.
 
-    Round brackets that hold no unit belong to the name: ``x (cmd)``.
+    Round brackets that hold no unit belong to the name: ``x (cmd)``, and ``angle (m2)``, which is that of motor 2.
     """
     match = _HEADING.fullmatch(text)
     assert match is not None  # every part is optional
-    if match[3] is not None and not is_unit(match[3]):
+    if match[3] is not None and (not is_unit(match[3]) or re.fullmatch(r"\s*\w+[23]\s*", match[3])):
         return text.strip(), ""
     return match[1], (match[2] or match[3] or "").strip()
 
