@@ -87,8 +87,8 @@ def residual_rows(differences: Differences) -> list[tuple[str, ...]]:
 
 
 def cautions(fit: Fit) -> list[str]:
-    """Cautions on the estimates, the data and the model, a sentence each."""
-    return [*estimate_cautions(fit), *fit.notes, *beyond_range(fit), *beyond_noise(fit)]
+    """Cautions on the model, the estimates and the data, a sentence each: first what concerns all of them."""
+    return [*beyond_noise(fit), *estimate_cautions(fit), *fit.notes, *beyond_range(fit)]
 
 
 def flipped_gains(before: Mapping[str, float], after: Mapping[str, float]) -> list[str]:
