@@ -28,6 +28,7 @@ from tsmblocks.blocks import (
 from tsmblocks.cli import console
 from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.text import _legible
 
 RAD = {"x_in": "rad", "x_out": "rad"}
 
@@ -890,3 +891,10 @@ def test_a_gain_has_the_unit_of_its_output_over_that_of_its_input():
     found = tsm.fit(spring, data, starts=1)
     assert found["spring.gain"].unit == "kN/mm"
     assert next(line for line in str(found).splitlines() if line.startswith("spring.gain")).endswith(" kN/mm")
+
+
+def test_a_value_beside_a_wide_interval_keeps_its_size():
+    assert _legible(2.6, "3") == "2.6"
+    assert _legible(0.193, "0") == "0.193"
+    assert _legible(-0.0241, "-0.024") == "-0.024"
+    assert _legible(0.0, "0") == "0"

@@ -29,6 +29,8 @@ MOST_OF_STATES = 2
 """Combinations of initial states that are listed; the rest is counted. Chosen."""
 MIN_FLIPPED = 2
 """Gains with another sign than they began with, from which there is a caution. Chosen: one may have been wrong."""
+MAX_ROUNDING = 0.05
+"""Share of a value that its rounding to the digits of its interval may change. Chosen: more misstates its size."""
 OPEN = "?"
 """Mark of a number of parameters that the data do not determine."""
 LEAST, EXACT = 3, 7
@@ -63,8 +65,13 @@ def estimate_rows(fit: Fit, some: Iterable[Estimate] | None = None) -> list[tupl
     for e in fit.estimates if some is None else some:
         show = _digits(e.value, e.low, e.high)
         span = (show(e.low), show(e.high)) if np.isfinite(e.low) else ("", "")
-        rows.append((e.name, show(e.value), *span, e.unit, _in_degrees(e), e.verdict))
+        rows.append((e.name, _legible(e.value, show(e.value)), *span, e.unit, _in_degrees(e), e.verdict))
     return rows
+
+
+def _legible(value: float, shown: str) -> str:
+    """A value as it is shown to the digits of a wide interval, or with three digits where these hide its size."""
+    return shown if abs(float(shown) - value) <= MAX_ROUNDING * abs(value) else f"{value:.3g}"
 
 
 def residual_table(differences: Differences) -> str:
