@@ -622,5 +622,5 @@ def test_an_output_that_is_no_signal_is_refused_with_where_its_unit_goes():
         "output 'y' must be a signal, such as 'plant.y', got {'signal': 'gain', 'unit': 'V'}. "
         "Units of outputs are given by output_units."
     )
-    with pytest.raises(DiagramError, match=r"output 'y' must be a signal, such as 'plant\.y', got 3"):
-        Diagram(blocks={"gain": Gain()}, inputs={"u": "gain.u"}, outputs={"y": 3})
+    with pytest.raises(DiagramError, match=r"output 'y' must be a signal, such as 'plant\.y', got \['gain'\]"):
+        Diagram(blocks={"gain": Gain()}, inputs={"u": "gain.u"}, outputs={"y": ["gain"]})

@@ -113,6 +113,6 @@ def test_detection_limits_that_are_accelerations_are_called_so():
     note = "Sizes in m/s^2 are accelerations: times the mass, forces."
     limits = tuple(attrs.evolve(one, size=0.04, size_unit="m/s^2", size_name="friction") for one in NAMED.limits)
     whole = diagnosis(attrs.evolve(NAMED, limits=limits))
-    assert note in str(whole)
+    assert note in whole.details()
     assert note in page(whole)
     assert "accelerations" not in str(diagnosis()) + page(diagnosis())

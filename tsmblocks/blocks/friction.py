@@ -249,7 +249,7 @@ class SlidingMass(Block):
     unit: str = option(default="", about="unit of the speed")
 
     u = Input("force or torque, without the friction", unit="?u")
-    y = Output("speed", unit="", unit_option="unit")
+    y = Output("speed", unit="?y", unit_option="unit")
     v: float = state(default=0.0, about="speed at the start of the step", unit="?y")
 
     @property

@@ -112,11 +112,15 @@ def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _signal_faults(outputs: Mapping[str, Any]) -> Iterator[str]:
-    """Outputs that are no names of signals."""
+    """Outputs that are given as the inputs are, with a unit."""
     for name, signal in outputs.items():
-        if not isinstance(signal, str):
-            also = " Units of outputs are given by output_units." if isinstance(signal, Mapping) else ""
-            yield f"output '{name}' must be a signal, such as 'plant.y', got {in_words(signal)}.{also}"
+        if isinstance(signal, Mapping):
+            yield (
+                f"output '{name}' must be a signal, such as 'plant.y', got {in_words(signal)}. "
+                "Units of outputs are given by output_units."
+            )
+        elif isinstance(signal, (list, set)):
+            yield f"output '{name}' must be a signal, such as 'plant.y', got {in_words(signal)}."
 
 
 def _read_wires(wires: Any, blocks: Mapping[str, Any], others: Mapping[str, str]) -> tuple[list[Link], list[str]]:
