@@ -8,7 +8,8 @@ LETTERS = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "zeta": "ζ", "vartheta": "ϑ", "theta": "θ", "mu": "μ",
     "pi": "π", "rho": "ρ", "sigma": "σ", "tau": "τ", "varphi": "φ", "omega": "ω", "Delta": "Δ", "Xi": "Ξ",
     "sum": "Σ", "prod": "Π", "int": "∫", "pm": "±", "ge": "≥", "le": "≤", "ne": "≠", "in": "∈", "to": "→",
-    "uparrow": "↑", "downarrow": "↓", "sim": "~", "dots": "…", "cdots": "…", "lfloor": "⌊", "rfloor": "⌋", "cdot": "·", "infty": "∞",
+    "uparrow": "↑", "downarrow": "↓", "sim": "~", "dots": "…", "cdots": "…", "lfloor": "⌊", "rfloor": "⌋",
+    "cdot": "·", "infty": "∞",
     "quad": "\0", "qquad": "\0", ",": " ", ";": " ", "!": "", " ": " ", "{": "{", "}": "}",
     "left": "", "right": "", "bigl": "", "bigr": "", "text": "", "operatorname": "", "bmod": "mod",
 }  # fmt: skip
