@@ -28,7 +28,8 @@ the smoothed sign of a friction leaves more of a mechanism that sticks, where th
 motion."""
 MAX_HARM_SHARE = 0.5
 """Rise of the loss of experiments held out whole, over the fall of that of blocks, up to which a further effect is
-accepted. Chosen: one that is there lowers both, and one that takes up an error of form does not carry over."""
+accepted that has the same size in all of them. Chosen: one that is there lowers both, and an error of form does not
+carry over."""
 CLEAR_SIGNIFICANCE = 2.0
 """t-statistic over its critical value (95 %) from which a further effect that is small beside those before is accepted.
 Derived: 3.29 / 1.64, the quantiles of a normal distribution at 99.95 % and 95 %."""
@@ -77,8 +78,12 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
 
 
 def _carries_over(rounds: Sequence[SearchRound], before: int, after: int, search: SearchContext) -> bool:
-    """Whether further effects do not make the error of whole experiments larger that are held out."""
-    if not search.blocks.experiment.any():  # there is only one
+    """Whether further effects do not make the error of whole experiments larger that are held out.
+
+    Those with a size of their own in each experiment cannot carry over, and are judged by blocks alone.
+    """
+    named = [one.verdict.named for one in rounds[before:after] if one.verdict.named is not None]
+    if not search.blocks.experiment.any() or any(one.candidate.effect.local for one in named):
         return True
     a, b = rounds[before], rounds[after]
     harm = mean_loss(b.experiment_losses, search.blocks) - mean_loss(a.experiment_losses, search.blocks)
