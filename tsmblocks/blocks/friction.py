@@ -19,10 +19,14 @@ from tsmblocks.blocks.shared import LONG_AGO
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter, state
 
 
+def _falling(coulomb: Any, further: Any, ratio: Any) -> Any:
+    """Sliding friction: Coulomb friction, and a further part that falls with the ``ratio`` to the Stribeck speed."""
+    return coulomb + further * ca.exp(-(ratio * ratio))
+
+
 def _stribeck_level(block: Any, v: Any) -> Any:
     """Level of sliding friction at velocity ``v``, between the static and the Coulomb level."""
-    ratio = v / block.stribeck
-    return block.coulomb + (block.static - block.coulomb) * ca.exp(-(ratio * ratio))
+    return _falling(block.coulomb, block.static - block.coulomb, v / block.stribeck)
 
 
 @block
@@ -263,8 +267,7 @@ class SlidingMass(Block):
 
     def _level(self, v: Any) -> Any:
         """Friction at a speed."""
-        ratio = v / self.stribeck
-        return self.coulomb + self.breakaway * ca.exp(-(ratio * ratio))
+        return _falling(self.coulomb, self.breakaway, v / self.stribeck)
 
     def _speed(self, t: Any, x: Any) -> Any:
         """The speed at time ``t`` of a step, whose friction is that of the mean of the speeds at its start and then."""

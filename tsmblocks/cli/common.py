@@ -289,7 +289,8 @@ def finish(
     """Print, save and plot the result of a search; its exit status. JSON has the ``facts`` too."""
     if not args.json:
         print_text(str(result))
-        print_text(f"\n{result.details()}") if vars(args).get("details") else None
+        if vars(args).get("details"):
+            print_text(f"\n{result.details()}")
     written = save()
     if plot:
         replace_figure(plot, result.plot(), dpi=150)

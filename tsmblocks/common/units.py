@@ -181,7 +181,8 @@ def _name_and_power(word: str) -> tuple[str, str]:
     """A unit and its power, of ``s^2``, ``s**2``, ``s²`` or ``s2``; the power is empty where there is none."""
     name, _, power = word.replace("**", "^").replace("²", "^2").replace("³", "^3").partition("^")
     plain = re.fullmatch(r"([A-Za-zµΩ]+)([23])", name)
-    return (plain[1], plain[2]) if plain and not power and plain[1] in {*_BASE, *_ALIAS} else (name, power)
+    known = plain is not None and not power and (plain[1] in _BASE or plain[1] in _ALIAS)
+    return (plain[1], plain[2]) if plain and known else (name, power)
 
 
 def factor(source: str, target: str) -> float:

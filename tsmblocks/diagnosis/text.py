@@ -59,7 +59,7 @@ def summary_text(diagnosis: Diagnosis) -> str:
     parts += _changes(diagnosis)
     for segment in diagnosis.segments:
         parts += bullets(f"beware{of_segment(segment, several)}", segment.cautions)
-        parts += bullets("indistinguishable effects", [*filter(None, map(indistinguishable_text, segment.effects))])
+        parts += _indistinguishable(segment)
         parts += limits_texts(segment, several) if segment.verdict == "none" else []
     parts += _consequence(diagnosis)
     status = f"Random seed {diagnosis.seed}; {STATUS[diagnosis.status]}."
@@ -96,7 +96,7 @@ def errors_table(segment: Segment, gap: Gap, most: int | None = None) -> str:
     for name, held_out, own in rows:
         cells = [name, *(digits(k * v) for v in (*held_out, *own[: len(last)]))]
         table.append(cells + [""] * (1 + len(titles[0]) - len(cells)))
-    left = len(gap.experiments) - len(shown) if len(gap.experiments) > 1 else 0
+    left = len(gap.experiments) - len(shown) if shown else 0
     return "\n".join([columns(table), *([f"{left} more experiments have smaller errors."] if left else [])])
 
 

@@ -112,15 +112,11 @@ def kind_faults(parts: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _signal_faults(outputs: Mapping[str, Any]) -> Iterator[str]:
-    """Outputs that are given as the inputs are, with a unit."""
+    """Outputs that are given as the inputs are: several in a list, or with a unit."""
     for name, signal in outputs.items():
-        if isinstance(signal, Mapping):
-            yield (
-                f"output '{name}' must be a signal, such as 'plant.y', got {in_words(signal)}. "
-                "Units of outputs are given by output_units."
-            )
-        elif isinstance(signal, (list, set)):
-            yield f"output '{name}' must be a signal, such as 'plant.y', got {in_words(signal)}."
+        if isinstance(signal, (Mapping, list, set)):
+            also = " Units of outputs are given by output_units." if isinstance(signal, Mapping) else ""
+            yield f"output '{name}' must be a signal, such as 'plant.y', got {in_words(signal)}.{also}"
 
 
 def _read_wires(wires: Any, blocks: Mapping[str, Any], others: Mapping[str, str]) -> tuple[list[Link], list[str]]:
