@@ -212,6 +212,34 @@ def test_an_input_may_be_measured_and_quantised_and_still_rest():
     assert noise(record(u=u, y=np.sin(u) + white(0.02)), "y", inputs="u").method == "stand-still"
 
 
+def steps(rest, pole, seed, count=30):
+    """A command that steps to another value every ``rest`` samples, and the first-order response to it."""
+    from scipy.signal import lfilter
+
+    u = np.repeat(np.random.default_rng(seed).uniform(-1, 1, count), rest)
+    return u, lfilter([1 - pole], [1, -pole], u)
+
+
+@pytest.mark.parametrize("rest", [60, 200])
+@pytest.mark.parametrize("share", [0.07, 0.15, 0.25])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_still_settles_in_all_rests_is_no_noise(rest, share, seed):
+    u, y = steps(rest, np.exp(-1 / (share * rest)), seed)
+    y = y + white(0.003, len(u), seed)
+    got = noise(record(np.arange(len(u)) * STEP, u=u, y=y), "y", inputs="u")
+    assert 0.8 * 0.003 < got.floor < 1.6 * 0.003, got
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("pole", [0.9, 0.98])
+def test_slow_noise_in_rests_is_noise(seed, pole):
+    u, y = steps(300, 0.5, seed)
+    made = coloured(0.02, len(u), seed, pole)
+    got = noise(record(np.arange(len(u)) * STEP, u=u, y=y + made), "y", inputs="u")
+    assert (got.method, got.floor) == ("stand-still", pytest.approx(0.02, rel=0.6)), got
+    assert got.low < 1.1 * np.std(made) < 1.2 * got.high
+
+
 # ---- high frequencies
 
 
@@ -294,6 +322,7 @@ def test_a_reading_that_stands_still_hides_its_rounding():
     u = np.where(T < 30, 0.0, np.sin(T - 30))
     got = noise(record(u=u, y=0.01 * np.round(u / 0.01)), "y", inputs="u")
     assert (got.method, got.floor) == ("stand-still", pytest.approx(0.01 / np.sqrt(12)))
+    assert (got.low, got.high) == (got.floor, pytest.approx(0.01 * np.hypot(0.25, 1 / np.sqrt(12))))
 
 
 def test_noise_says_what_it_is():

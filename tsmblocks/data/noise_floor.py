@@ -27,6 +27,9 @@ CONTENT = {
     HIGH_FREQUENCIES: "a lower limit, which sees only fast noise",
 }
 """What noise a floor contains, by its method."""
+SAME_READING = 0.25
+"""Rms of noise that leaves a reading at the same value, at most [steps of the reading]. Derived: with more, a value in
+the middle of a step leaves it in one sample of 22."""
 MIN_NOISE_SAMPLES = 8
 """Samples below which no noise is estimated. Chosen: the cubic of ``sample_to_sample_noise`` spans 5."""
 
@@ -216,6 +219,8 @@ def _taken(found: list[Found], fast: Level, start: Noise) -> Noise:
         more, less = (with_unit(levels[one].floor, start.unit) for one in (m, k))
         words.append(f"{m}: {more} rms, more than the {less} from {k}")
     high = max([best.high, *(levels[m].high for m in larger)])
+    if best.floor < rounding:  # noise that is less than a step of the reading does not show while it stands still
+        high = max(high, float(np.hypot(rounding, SAME_READING * (start.quantum or 0.0))))
     return attrs.evolve(
         start,
         floor=float(max(best.floor, rounding)),
@@ -223,7 +228,7 @@ def _taken(found: list[Found], fast: Level, start: Noise) -> Noise:
         samples=sum(f.samples for f in sound[method]),
         freedom=int(best.freedom),
         low=float(max(best.low, rounding)),
-        high=float(max(high, rounding)),
+        high=float(high),
         white=best.white,
         slow=best.slow,
         slow_time=best.time,

@@ -24,6 +24,8 @@ MIN_STILL_SAMPLES = 50
 """Samples for which an input must rest to count as standing still. Chosen."""
 STILL_MEAN_SAMPLES = 10
 """Samples whose mean is taken when rests are searched. Chosen: it lowers white noise to a third."""
+MIN_RESTS = 3
+"""Rests from which their beginnings are compared. Chosen."""
 RESPONSE_SAMPLES = 30
 """Samples for which a signal responds to an input that moves a little while it seems to rest. Chosen."""
 MIN_PERIOD_SAMPLES = 4
@@ -188,9 +190,8 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     rests = [(a, b) for a, b in stretches(still) if b - a >= MIN_STILL_SAMPLES]
     made, moving, fast = list[Stretch](), list[Stretch](), _fast(record, name)
     there = _there(record, name)
-    for a, b in rests:
-        late = slice(a + (b - a) // 5, b)  # the signal settles during the first fifth
-        rest = Stretch(record[name][late][there[late]], record.step)
+    late = [slice(a + (b - a) // 5, b) for a, b in rests]  # the signal settles during the first fifth
+    for rest in _settled_together([Stretch(record[name][k][there[k]], record.step) for k in late], fast):
         first, still = settled([rest], fast)
         (made if still else moving).append(rest.cut(first))
     found = Found("stand-still", tuple(made), float(record.t[-1] - record.t[0]))
@@ -200,6 +201,19 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     if smooth(made, fast) or any(_follows(record, k, name, rests) for k in others):
         return attrs.evolve(found, doubt="the signal moves while the inputs rest")
     return found
+
+
+def _settled_together(rests: list[Stretch], fast: float) -> list[Stretch]:
+    """Rests without the time in which all of them together show that the signal still settles after a motion.
+
+    What is left of a transient may be as large as noise in each of them, but is at the beginning of all. It is looked
+    for in those that are as long as most.
+    """
+    if len(rests) < MIN_RESTS:
+        return rests
+    usual = int(np.median([len(s.x) for s in rests]))
+    first, _ = settled([s.cut(0, usual) for s in rests if len(s.x) >= usual], fast)
+    return [s.cut(first) for s in rests if len(s.x) - first >= MIN_FREEDOM // 2]
 
 
 def _follows(record: Record, drive: str, name: str, rests: list[tuple[int, int]]) -> bool:
@@ -226,9 +240,12 @@ def _resting(x: np.ndarray) -> np.ndarray:
     from scipy.ndimage import uniform_filter1d
 
     noise, share = sample_to_sample_noise(np.arange(float(len(x))), x).floor, 1 / np.sqrt(STILL_MEAN_SAMPLES)
+    if np.median(np.abs(np.diff(x))) == 0:  # a held command has no noise, however often it steps
+        noise = 0.0
     width = max(2.1 * (quantum_of(x) or 0.0), 8 * share * noise, 1e-9 * float(np.ptp(x)))
     if width > 0.1 * np.ptp(x):
         return np.zeros(len(x), dtype=bool)
     x = uniform_filter1d(x, STILL_MEAN_SAMPLES) if noise > 0 else x
     windows = np.lib.stride_tricks.sliding_window_view(x, MIN_STILL_SAMPLES)
-    return np.convolve(np.ptp(windows, axis=1) <= width, np.ones(MIN_STILL_SAMPLES)) > 0.5
+    still = np.convolve(np.ptp(windows, axis=1) <= width, np.ones(MIN_STILL_SAMPLES)) > 0.5
+    return still & (np.abs(np.diff(x, prepend=x[0])) <= width)  # rests on both sides of a step are two
