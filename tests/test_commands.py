@@ -74,6 +74,20 @@ def test_a_smooth_motion_stays_smooth(u):
     assert not told(found, "held")
 
 
+def test_a_hold_is_found_behind_a_dead_time_that_is_missing(u):
+    late = tsm.loads(PLANT).insert("late", tsm.blocks.DeadTime(time=0.17), before="lag.u")
+    found = diagnosed(recorded(u, hold="zero", model=late))
+    assert told(found, "u is held between samples (hold='zero')")
+    assert [e.name for e in found.effects] == ["dead_time"]
+    assert found.augmented.parameters["dead_time.time"] == pytest.approx(0.17, abs=0.002)
+
+
+def test_a_fit_finds_a_hold_behind_a_dead_time(u):
+    late = tsm.loads(PLANT).insert("late", tsm.blocks.DeadTime(time=0.17), before="lag.u")
+    found = tsm.fit(late, recorded(u, hold="zero", model=late), step=STEP)
+    assert told(found, "the outputs agree with u held between samples")
+
+
 @pytest.mark.parametrize("delay", [0.004, 0.016, 0.05])
 def test_a_dead_time_of_another_length_is_no_hold(u, delay):
     late = tsm.loads(PLANT).insert("late", tsm.blocks.DeadTime(time=delay), before="lag.u")

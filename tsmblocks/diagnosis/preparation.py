@@ -155,9 +155,10 @@ def _unfiltered_notes(
     part: Part, request: Request, commands: Commands, without_noise: Mapping[str, list[str]]
 ) -> list[str]:
     """Notes on inputs that are not filtered, though they look noisy in some recordings."""
+    advice = " If it is held between samples in the other recordings as well, give hold='zero', or --hold zero."
     return [
-        f"{part.name}: {k} was not filtered: it is piecewise constant in {few(names)}, so it has no noise. If it is "
-        "held between samples in the other recordings as well, give hold='zero', or --hold zero."
+        f"{part.name}: {k} was not filtered: it is piecewise constant in {few(names)}, so it has no noise."
+        + ("" if k in commands.held else advice)
         for k, names in without_noise.items()
         if request.condition and k not in commands.exact and len(names) < len(request.records)
     ]
