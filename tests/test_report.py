@@ -46,7 +46,7 @@ full                          0.530       0.105       0.505     0.0914
 half                          0.510       0.103       0.510      0.101
 noise floor (given)           0.100
 
-residual by coordinate:
+residual before, by coordinate:
 - 90 % of the error above the noise floor: the sign of the error depends on the
   direction.
 

@@ -181,6 +181,14 @@ def trials_that_fix_nothing():
     effect().accepts(Trials({"gain": 0.1}, fixed={"slope": 1.0}))
 
 
+@mistake(
+    ParameterError,
+    "effect 'louder': its trials refine the instant 'gain', but its block has no transition time 'width' [s].",
+)
+def trials_that_refine_what_is_no_instant():
+    effect().accepts(Trials({}, ({"gain": 0.1}, {"gain": 0.2}), refine="gain"))
+
+
 @mistake(ParameterError, "effect 'louder': all shapes of its trials must name the same parameters, and {} does not.")
 def trials_whose_shapes_differ():
     effect().accepts(Trials({}, ({"gain": 1.1}, {})))

@@ -206,7 +206,7 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
 def _settled_together(rests: list[Stretch], fast: float) -> list[Stretch]:
     """Rests without the time in which all of them together show that the signal still settles after a motion.
 
-    What is left of a transient may be as large as noise in each of them, but is at the beginning of all. It is looked
+    The rest of a transient may be as large as noise in each of them, but is at the beginning of all. It is looked
     for in those that are as long as most.
     """
     if len(rests) < MIN_RESTS:

@@ -118,7 +118,8 @@ def _headings(titles: Sequence[str], width: int) -> list[list[str]]:
 
 def _residual_location(segment: Segment) -> list[str]:
     above = "of the error above the noise floor"
-    return bullets("residual by coordinate", [f"{percent(w.share)} {above}: {w.words}." for w in segment.where])
+    title = "residual before, by coordinate" if segment.effects else "residual by coordinate"
+    return bullets(title, [f"{percent(w.share)} {above}: {w.words}." for w in segment.where])
 
 
 def _sizes(effect: NamedEffect) -> str:

@@ -92,7 +92,8 @@ class Trials:
     bounds : mapping of str to pair of (float or None), default {}
         Bounds (low, high), narrower than those of the block; None for none.
     refine : str, default ""
-        The shape parameter whose grid is refined around the best of ``shapes``, for nonsmooth parameters.
+        The instant of a sudden change, a shape parameter whose grid is refined around the best of ``shapes``. The
+        parameter ``width`` beside it is its transition time [s].
     """
 
     strengths: Mapping[str, float]
