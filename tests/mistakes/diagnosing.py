@@ -183,7 +183,7 @@ def trials_that_fix_nothing():
 
 @mistake(
     ParameterError,
-    "effect 'louder': its trials refine the instant 'gain', but its block has no transition time 'width' [s].",
+    "effect 'louder': its trials refine the instant 'gain', but its block lacks the transition time 'width'.",
 )
 def trials_that_refine_what_is_no_instant():
     effect().accepts(Trials({}, ({"gain": 0.1}, {"gain": 0.2}), refine="gain"))

@@ -312,7 +312,7 @@ def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
             yield from _unknown(names, known, f"{what} of its trials name '{{}}', which is not free to be fitted.")
         width = ".".join([*trials.refine.split(".")[:-1], "width"])
         if trials.refine and width not in numbers:
-            yield f"its trials refine the instant '{trials.refine}', but its block has no transition time '{width}' [s]."
+            yield f"its trials refine the instant '{trials.refine}', but its block lacks the transition time '{width}'."
         for name in (k for k in effect.local if k not in trials.strengths and k != trials.refine):
             yield f"'{name}' has its own value in each experiment, so it must be a strength of its trials."
         for name in (k for k in trials.strengths if trials.refine in effect.local and k not in effect.local):
