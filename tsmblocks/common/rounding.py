@@ -39,3 +39,8 @@ def plus_minus(value: float, half: float, unit: str = "") -> str:
 def fixed(value: float, places: int) -> str:
     """A number rounded to so many decimals, fewer than none being tens, hundreds, …; no negative zero."""
     return f"{round(value, places):z.{max(places, 0)}f}"
+
+
+def to_digits(value: float, digits: int = 2) -> str:
+    """A number in so many digits, without a power of ten where it is of ordinary size: ``400``, not ``4e+02``."""
+    return f"{float(f'{value:.{digits}g}'):g}"

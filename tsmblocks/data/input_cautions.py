@@ -8,6 +8,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.interpolation import is_held
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.data.fast_noise import sample_to_sample_noise
 from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass
 from tsmblocks.data.noise_floor import is_coarse, with_unit
@@ -102,5 +103,5 @@ def _rough_rate(record: Record, name: str) -> str:
     return (
         f"{name} is quantised in steps of {with_unit(quantum, record.unit(name))}, which makes its rate wrong by "
         f"{100 * error:.0f} %. Where the rate drives the model, filter it first: "
-        f"filtered('{name}', cutoff={0.05 / record.step:.2g}), for example."
+        f"filtered('{name}', cutoff={to_digits(0.05 / record.step)}), for example."
     )

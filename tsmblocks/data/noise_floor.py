@@ -12,6 +12,7 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.data.fast_noise import HIGH_FREQUENCIES, fast_level, sample_to_sample_noise
 from tsmblocks.data.noise_methods import Found, measured, of_periods, of_repeats, of_rests
 from tsmblocks.data.quantization import quantum_of
@@ -91,7 +92,7 @@ class Noise:
         kinds = ""
         if self.slow is not None and self.white is not None:
             kinds = f"; white {with_unit(self.white, self.unit)}, slow {with_unit(self.slow, self.unit)}"
-            kinds += f" with a correlation time of {self.slow_time:.2g} s"
+            kinds += f" with a correlation time of {to_digits(self.slow_time or 0.0)} s"
         return (
             f"{self.name}: noise {with_unit(self.floor, self.unit)} rms (95 %: {bounds}), from {self.method} "
             f"({self.samples} samples, {self.freedom} degrees of freedom){kinds}{step}"

@@ -8,6 +8,7 @@ import numpy as np
 
 from tsmblocks.blocks import FirstOrderLag, Integrator, Sum
 from tsmblocks.common.errors import TsmError
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.quantities import recorded_units
@@ -89,7 +90,7 @@ def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
     return (
         f"The {' and '.join(worse)} error with the new model is no smaller. This is no evidence against it: the plant "
         f"is that model itself, so the remaining error ({limit} rms) is the limit of the command: where it would have "
-        f"to jump, as at a reversal behind a gap or hysteresis, it takes some {1000 * delay:.2g} ms."
+        f"to jump, as at a reversal behind a gap or hysteresis, it takes some {to_digits(1000 * delay)} ms."
     )
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.diagnosis.evidence import (
     DRAWS,
     SIGNIFICANCE_LEVEL,
@@ -63,7 +64,9 @@ class VaryingFactor:
     def words(self) -> str:
         """The coordinate and the time in words."""
         kind, _, name = self.signal.partition(" ")
-        return f"the {self.coordinate} of {name} ({kind}), by a factor that varies within about {self.window:.2g} s"
+        return (
+            f"the {self.coordinate} of {name} ({kind}), by a factor that varies within about {to_digits(self.window)} s"
+        )
 
 
 def varying_factor(model: Model, seed: int) -> VaryingFactor | None:

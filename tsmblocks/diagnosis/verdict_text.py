@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
@@ -154,9 +155,9 @@ def _slow_noise(segment: Segment) -> str:
     if gap.given or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
         return ""
     return (
-        f" That is {gap.held_out[0] / gap.noise_floor:.2g} times the noise floor ({floor_text(gap)}), but no recorded "
-        "signal predicts it on held-out data: slow noise of that size and a model error that does not repeat with the "
-        "motion are indistinguishable."
+        f" That is {to_digits(gap.held_out[0] / gap.noise_floor)} times the noise floor ({floor_text(gap)}), but no "
+        "recorded signal predicts it on held-out data: slow noise of that size and a model error that does not repeat "
+        "with the motion are indistinguishable."
     )
 
 

@@ -9,7 +9,7 @@ from itertools import combinations
 import attrs
 import numpy as np
 
-from tsmblocks.common.rounding import plus_minus
+from tsmblocks.common.rounding import plus_minus, to_digits
 from tsmblocks.common.tables import listed
 from tsmblocks.fitting.column_space import column_space
 from tsmblocks.fitting.jacobian import Jacobian
@@ -246,7 +246,7 @@ class _Wording:
         """By how much the outputs change, in rms values of the residual."""
         if exact or not 0 < amount < math.inf:
             return "the outputs stay the same"
-        return f"the outputs change by no more than {amount:.1g} times the residual"
+        return f"the outputs change by no more than {to_digits(amount, 1)} times the residual"
 
     def moves(self, v: np.ndarray, main: list[int]) -> tuple[dict[int, str], float]:
         """What each parameter of ``main`` does along ``v``, the largest step being 1 % of what was found; and how many
@@ -258,7 +258,7 @@ class _Wording:
         made = {}
         for i in main:
             size = factor * step[i]
-            by = f"{size / abs(self.theta[i]):.2g} %" if i in known else f"{0.01 * size:.2g}"
+            by = f"{to_digits(size / abs(self.theta[i]))} %" if i in known else f"{to_digits(0.01 * size)}"
             made[i] = f"{self.names[i]} {by} {'higher' if v[i] > 0 else 'lower'}"
         return made, factor
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tsmblocks.common.rounding import to_digits
+
 PLAIN = 0.25
 """Share of the residual of a proportional model that the rate of the input has to explain. Chosen."""
 MOSTLY = 0.5
@@ -27,8 +29,8 @@ def runs_ahead(names: tuple[str, str], t: np.ndarray, x: np.ndarray, y: np.ndarr
     if np.ptp(simulated) > 0 and not lead / SAME <= _lead(t, simulated, y) <= SAME * lead:
         return ""  # the simulation, earlier by the lead, would not agree either
     return (
-        f"{names[1]} leads {names[0]} by {lead:.2g} s, and the model has no such lead: were the two exchanged, or was "
-        "one recorded late?"
+        f"{names[1]} leads {names[0]} by {to_digits(lead)} s, and the model has no such lead: were the two exchanged, "
+        "or was one recorded late?"
     )
 
 

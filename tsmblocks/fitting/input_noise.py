@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import TsmError
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
 from tsmblocks.data import Record
 from tsmblocks.data.fast_noise import sample_to_sample_noise
@@ -58,6 +59,6 @@ def input_noise_note(names: Sequence[str], changes: np.ndarray, inputs: list[str
     worst = int(np.argmax(changes))
     them, listing = ("them", "have") if len(inputs) > 1 else ("it", "has")
     return [
-        f"{listed(inputs)} {listing} noise that moves {names[worst]} by {changes[worst]:.2g} times the half width of "
-        f"its interval, which does not cover it. Filter {them} first: conditioned({inputs})."
+        f"{listed(inputs)} {listing} noise that moves {names[worst]} by {to_digits(changes[worst])} times the half "
+        f"width of its interval, which does not cover it. Filter {them} first: conditioned({inputs})."
     ]

@@ -14,6 +14,7 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.interrupt import without_checkpoints
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.engine.kernel import Memory
 from tsmblocks.engine.plan import Layout
 from tsmblocks.fitting.experiments import Experiment
@@ -86,7 +87,7 @@ def multiple_shooting(
             theta = min((ended.last[:n], theta, start), key=problem.cost)
         cost = problem.cost(theta)
     if gap > JOINED and not unfinished:
-        why = f"a state still jumps by {gap:.2g} of its size" if gap < 1e3 else "the states diverged"
+        why = f"a state still jumps by {to_digits(gap)} of its size" if gap < 1e3 else "the states diverged"
         raise RunError(
             f"multiple shooting could not join its {segments} pieces ({ended.word}): {why}. Try more "
             "segments, another start, tighter bounds, or fewer free parameters: of two with the same effect, one must "

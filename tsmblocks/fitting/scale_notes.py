@@ -10,6 +10,7 @@ import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import TsmError
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
 from tsmblocks.data import Record
 from tsmblocks.data.missing_units import map_argument, other_units
@@ -81,7 +82,7 @@ def _output_text(setup: Setup, experiment: Experiment, y: np.ndarray) -> str:
         ways = own if own and len(off) > 1 else [*ways, *own]
     return (
         f"{listed([one.output for one in off])} {'is' if len(off) == 1 else 'are'} about "
-        f"{float(f'{off[0].ratio:.2g}'):g} times as large as the model gives before the fit, and of the same shape. If "
+        f"{to_digits(off[0].ratio)} times as large as the model gives before the fit, and of the same shape. If "
         f"{' or '.join(f'{name} was recorded in {unit}' for name, unit in ways)}, give the unit: "
         f"{map_argument(f'{ways[0][0]} [{ways[0][1]}]', ways[0][0])}."
     )

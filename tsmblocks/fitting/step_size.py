@@ -8,6 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.residuals import Problem
@@ -112,7 +113,7 @@ def shift_note(names: Sequence[str], changes: np.ndarray, step: float) -> list[s
     if not len(changes) or not changes.max() > COVERED:
         return []
     worst, others = int(np.argmax(changes)), int(np.sum(changes > COVERED)) - 1
-    size = f"{changes[worst]:.2g} times" if changes[worst] < FAR else f"more than {FAR:g} times"
+    size = f"{to_digits(changes[worst])} times" if changes[worst] < FAR else f"more than {FAR:g} times"
     rest = f" and {others} other{'s' if others > 1 else ''} by more than half of theirs" if others else ""
     return [
         f"halving the step of {step:.3g} s moves {names[worst]} by {size} the half width of its interval{rest}: "

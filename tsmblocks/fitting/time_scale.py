@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.data.missing_units import map_argument
 from tsmblocks.fitting.experiments import Experiment, grid_step
 from tsmblocks.simulation.stability import MOST_STATES, poles
@@ -29,10 +30,13 @@ def time_text(experiment: Experiment, p: np.ndarray) -> str:
     fast, slow, t = 1 / rates.max(), 1 / rates.min(), experiment.record.t
     step, length = grid_step(t), float(t[-1] - t[0])
     if step > UNSEEN * slow and step * IN_MS < slow:
-        seen = f"the samples are {step:.3g} s apart, and the slowest time constant of the model is {slow:.2g} s"
+        seen = f"the samples are {step:.3g} s apart, and the slowest time constant of the model is {to_digits(slow)} s"
         unit = "ms"
     elif UNSEEN * length < fast and length / IN_MS > slow:
-        seen = f"the recording lasts {length:.2g} s, and the fastest time constant of the model is {fast:.2g} s"
+        seen = (
+            f"the recording lasts {to_digits(length)} s, and the fastest time constant of the model is "
+            f"{to_digits(fast)} s"
+        )
         unit = "s"
     else:
         return ""

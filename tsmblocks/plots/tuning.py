@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.common.errors import RunError, near
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.units import display_unit
 from tsmblocks.data import heading
 from tsmblocks.metrics.metrics import named
@@ -79,7 +80,7 @@ def _swings(panel: Any, one: Oscillation, where: str) -> None:
     panel.plot(t, before, color=BEFORE, label="before")
     panel.plot(t, after, color=MODEL, label="tuned")
     dress(panel, label, heading(one.name, unit))
-    swings = f", swings at about {one.frequency:.2g} Hz" if one.frequency else ""
+    swings = f", swings at about {to_digits(one.frequency)} Hz" if one.frequency else ""
     key(panel, over=f"the loop hunts{swings}{where}")
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import few
 from tsmblocks.common.units import display_unit
 from tsmblocks.metrics.metrics import Metric
@@ -103,13 +104,13 @@ def _message(
 ) -> str:
     one, *others = signals
     factor, unit = display_unit(units.get(one.name, ""))
-    grown = f"{one.growth:.2g} times as large as before" if one.before > 1e-9 * one.after else "new"
-    swings = f", mostly at about {frequency:.2g} Hz" if frequency else ""
+    grown = f"{to_digits(one.growth)} times as large as before" if one.before > 1e-9 * one.after else "new"
+    swings = f", mostly at about {to_digits(frequency)} Hz" if frequency else ""
     more = f"; likewise {few(other.name for other in others)}" if others else ""
     sizes = f"{factor * one.before:.3g} -> {factor * one.after:.3g} {unit}".rstrip()
     return (
         f"the loop hunts in case '{one.case}': the total variation of {one.name} is {grown} ({sizes}){swings}{more}. "
-        f"To prevent it: subject_to=['variation({one.name}{window}) <= {most:.2g}']"
+        f"To prevent it: subject_to=['variation({one.name}{window}) <= {to_digits(most)}']"
     )
 
 
