@@ -187,7 +187,7 @@ def test_run_without_its_data(tsm, here):
         tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_inn=motor"),
         "no input or output 'x_inn'. Did you mean 'x_in'?",
     )
-    fails(tsm("run", "lag.toml", "--data", "n.csv"), "there is no file n.csv. Did you mean 'm.csv'?")
+    fails(tsm("run", "lag.toml", "--data", "n.csv"), "there is no file n.csv. Known here: ")
     fails(tsm("run", "fig09b_feedforward", "--data", "m.csv"), "has no inputs, so there is nothing")
     fails(tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_in=motor", "--hold", "linaer"), "no hold 'linaer'")
     fails(tsm("run", "lag.toml", "--data", "m.csv", "--map", "x_in=motor", "--stop", 9), "known from 0 to 3 s")
@@ -387,9 +387,9 @@ def test_demo_repeats_the_paper(tsm, here):
     (here / "calib.txt").write_text("\n".join(rows))
     data = ["--data", "calib.txt", "--columns", "t,x_ref"]
     status, out, err = tsm("demo", "--out", "d", "--hide", "none", *data, "--column", "x_ref [deg]")
-    assert (status, err) == (0, "")
+    assert status == 0, err
     assert "27 / 8 / 5.8" in out
-    assert "(11) leaves 13 deg" in " ".join(out.split())
+    assert "the feedforward leaves 13 deg" in " ".join(out.split())
     assert "x_ref as measured, 11.97 s" in out
     table = np.genfromtxt(here / "d/results.csv", delimiter=",", dtype=str, skip_header=1, usecols=(1, 2), max_rows=9)
     for name, low, high in (("fig09a", 26, 30), ("fig09b", 12, 16), ("fig16", 6, 10)):

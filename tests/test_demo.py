@@ -143,7 +143,7 @@ def test_the_reveal_comes_first_in_sizes_that_a_person_would_measure():
 
 def test_where_nothing_is_hidden_nothing_is_found_and_no_size_is_shown():
     tale = story("none")
-    assert findings.headline(tale)[1] == "Found: nothing is missing."
+    assert findings.headline(tale)[1] == "Found: no unmodelled effect is detectable with these data."
     assert [row.name for row in findings.revealed(tale)] == list(NUMBERS)
     assert len(findings.heading(tale)) == 3
 
@@ -166,7 +166,7 @@ def test_a_true_value_outside_its_interval_is_said_to_be(name):
 
 def test_a_compensator_that_gets_worse_with_the_better_model_is_explained():
     lever = findings.worse(story("odd_nonlinearity"))
-    assert lever[0].startswith("The feedforward (11) gets worse with the better model, from 11 to 20 deg peak to peak:")
+    assert lever[0].startswith("The feedforward, Eq. 11, gets worse with the better model, from 11 to 20 deg peak")
     assert "had absorbed part of what was hidden (alpha1 1.00, true 0.91)" in lever[0]
     before, after = (
         SimpleNamespace(error=SimpleNamespace(peak_to_peak=peaks, rms=rms))

@@ -46,7 +46,7 @@ full                          0.530       0.105       0.505     0.0914
 half                          0.510       0.103       0.510      0.101
 noise floor (given)           0.100
 
-residual before, by coordinate:
+residual before by coordinate:
 - 90 % of the error above the noise floor: the sign of the error depends on the
   direction.
 
@@ -55,17 +55,18 @@ changes to the diagram:
 - offset => x_out
 + offset -> backlash.u
 + backlash => x_out
-~ gain.gain  0.92 -> 0.91
-~ offset.bias  0 -> 0.01 deg
+~ gain.gain  0.920 -> 0.910
+~ offset.bias  0 -> 0.0100 deg
 
 indistinguishable effects:
 - backlash is indistinguishable from hysteresis with these data. To separate
   them: two amplitudes, minor loops, or an odd multisine.
 
-tracking full [deg]             peak to peak    rms
-without compensation                    20.0   7.00
-compensated with the base               2.00  0.600
-compensated with the new model          1.00  0.300
+tracking full [deg]                 peak to peak    rms
+without compensation                        20.0   7.00
+compensator on the model as it was          2.00  0.600
+compensator on the augmented model          1.00  0.300
+plant: the augmented model
 
 notes:
 - all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen
@@ -77,25 +78,25 @@ notes:
 Details, with --details or found.details(): noise floors, candidates, parameters
 with intervals, detectable sizes, a script."""
 DETAILS = """\
-candidates, round 1 (* named, ~ indistinguishable from it):
-  candidate   on                 removes  new exp.  t (2)
-* backlash    offset.y -> x_out     98 %      98 %    9.5
-~ hysteresis  offset.y -> x_out     98 %      98 %    9.5
-  dead_time   offset.y -> x_out    < 0 %      10 %    9.5
+candidates, round 1 (* named, ~ indistinguishable from it; critical t: 2):
+  candidate   on                 removes  new exp.    t
+* backlash    offset.y -> x_out     98 %      98 %  9.5
+~ hysteresis  offset.y -> x_out     98 %      98 %  9.5
+  dead_time   offset.y -> x_out    < 0 %      10 %  9.5
 Other candidates, screened out or with a smaller reduction: 1.
 
-candidates, round 2 (none named):
-  candidate  on                 removes  new exp.  t (2)
-  dead_time  offset.y -> x_out     20 %      20 %    9.5
+candidates, round 2 (none named; critical t: 2):
+  candidate  on                 removes  new exp.    t
+  dead_time  offset.y -> x_out     20 %      20 %  9.5
 
 removes: reduction of the error above the noise floor, on held-out time blocks;
 new exp.: the same with whole experiments held out; < 0 %: the error grows. t:
-t-statistic of the reduction; (in brackets) its critical value (95 %).
+t-statistic of the reduction, its critical value that of a test at 5 %.
 
 backlash (backlash), parameters of its block:
   half_width  0.500 ± 0.020 deg
 
-smallest detectable sizes, beside the effects named:
+smallest detectable sizes of further effects:
   backlash  gap width 0.04 deg
   drift     rate 1e-05
 
@@ -267,7 +268,7 @@ def test_a_compensator_that_does_no_better_is_explained():
     found = diagnosis()
     assert found.consequence is not None
     worse = attrs.evolve(found, consequence=attrs.evolve(found.consequence, words="It cannot jump."))
-    assert "compensated with the new model          1.00  0.300\n\nIt cannot jump.\n" in str(worse)
+    assert "plant: the augmented model\n\nIt cannot jump.\n" in str(worse)
     assert "<p>It cannot jump.</p>" in page(worse)
     none = attrs.evolve(found, consequence=None, no_consequence="It was not tracked.")
     assert "\n\nConsequence for control: It was not tracked.\n" in str(none)
@@ -435,7 +436,7 @@ def test_what_was_added_is_what_goes_when_it_is_taken_back():
         ("-", "x_in -> tsm.x"),
         ("+", "x_in -> gap.u"),
         ("+", "gap -> tsm.x"),
-        ("~", "tsm.n  1.02 -> 2"),
+        ("~", "tsm.n  1.02 -> 2.00"),
     ]
     assert (back.added, back.removed) == (there.removed, there.added)
     assert (back.wires_added, back.wires_removed) == (there.wires_removed, there.wires_added)
@@ -454,7 +455,7 @@ def test_a_block_that_is_replaced_under_its_name_is_a_change():
     assert difference(before, after).lines == [
         ("-", "gap = Play(half_width=0.1)"),
         ("+", "gap = Gain(gain=2)"),
-        ("~", "scale.gain  3 -> 4"),
+        ("~", "scale.gain  3.00 -> 4.00"),
     ]
 
 

@@ -182,10 +182,10 @@ SHARED: dict[str, dict[str, Any]] = {
     ),
     "--plot": dict(metavar="FILE", help="write a figure to a .png, .svg or .pdf file"),
     "--refuse-loops": dict(
-        action="store_const", const="refuse", default="solve", dest="loops", help="an algebraic loop is an error"
+        action="store_const", const="refuse", default="solve", dest="loops", help="treat algebraic loops as errors"
     ),
     "--no-step-check": dict(
-        action="store_false", dest="check_step", help="no look at whether shorter steps give the same result"
+        action="store_false", dest="check_step", help="skip the check that shorter steps give the same result"
     ),
     "--json": dict(
         action="store_true", help="print one JSON object and nothing else; a number that is not finite is null"

@@ -340,4 +340,4 @@ def search_progress(what: str, starts: int) -> Callable[[str, int, float], str]:
 def stage_progress() -> Callable[[str, float], str]:
     """The text of progress of stages, as a percentage of all, with the time that is left."""
     left = TimeLeft()
-    return lambda stage, done: f"{stage}: {100 * done:.0f} % of all done{left(done)}"
+    return lambda stage, done: f"{100 * done:.0f} % done, {stage}{left(done)}"

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from tsmblocks.demo.paper import Case
     from tsmblocks.demo.story import Story
 
-HELP = "a hidden effect found, and the paper's experiments repeated; one page with pictures"
+HELP = "hide an effect, find it, and repeat the paper's experiments; one page with pictures"
 NAMES = ("position_ripple", "backlash", "odd_nonlinearity", "none")
 """Effects that can be hidden, the default first."""
 PAGE = "index.html"
@@ -39,8 +39,8 @@ PAGE = "index.html"
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add = partial(common.add, parser)
-    add("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results (tsmblocks-demo)")
-    hide = f"the hidden effect: {', '.join(NAMES)} ({NAMES[0]})"
+    add("--out", metavar="DIR", default="tsmblocks-demo", help="folder for the results (default: tsmblocks-demo)")
+    hide = f"the hidden effect: {', '.join(NAMES)} (default: {NAMES[0]})"
     add("--hide", metavar="EFFECT", default=NAMES[0], help=hide, suggests=NAMES)
     add("--seed", "--json")
     recordings.data_arguments(parser, condition=False)

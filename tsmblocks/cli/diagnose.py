@@ -57,9 +57,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     recordings.data_arguments(parser.add_argument_group("measured data"), several=True, condition=False)
     add = partial(common.add, parser.add_argument_group("search"))
     noise = (
-        "rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number alone is in the unit of the "
-        "recordings, of the diagram and of all outputs, and refused where they differ; default: estimated from the "
-        "data)"
+        "rms noise of the outputs, with its unit: 0.05deg, x_out=0.05deg (a number without a unit is accepted only "
+        "where recordings, diagram and all outputs share one; default: estimated from the data)"
     )
     add(
         "--noise-floor", metavar="VALUE", type=parameters.noise("noise_floor"), default=[], help=noise, **common.SEVERAL

@@ -30,7 +30,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--inside", metavar="BLOCK", default="", help="draw the inside of a block that is a diagram")
     parser.add_argument("--symbols", action="store_true", help="write symbols instead of the values of parameters")
     parser.add_argument(
-        "--wrap", metavar="PIXELS", type=float, default=1800, help="continue in a new row beyond this width (1800)"
+        "--wrap",
+        metavar="PIXELS",
+        type=float,
+        default=1800,
+        help="continue in a new row beyond this width (default: 1800)",
     )
     theme = "colours of an .svg file: those of the reader's screen (default), or always light or dark"
     parser.add_argument("--theme", choices=("auto", "light", "dark"), default="auto", help=theme)

@@ -68,7 +68,7 @@ def _in_own_unit(diagram: Diagram, name: str, value: Any) -> Any:
 
     unit = unit_of(name, diagram, numbers(diagram)[name])
     if not unit:
-        raise common.UsageError(f"--set {name}={value}: {name} has no unit that is known; give a number alone.")
+        raise common.UsageError(f"--set {name}={value}: no unit of {name} is known; give a plain number.")
     try:
         return float(match[1]) * units.factor(match[2], unit)
     except units.UnitError as error:

@@ -1,7 +1,7 @@
 """Run a diagram and print its results.
 
 With outputs x_ref and x_out, the peak-to-peak and rms tracking error are printed, over the second
-half of the run (after the initial transient) and over all of it. Otherwise a table of outputs.
+half of the run (after the initial transient) and over all of it. Otherwise a table of outputs is printed.
 Outputs that were measured too are compared: the residual, measurement less run, is printed, and the
 measurement is plotted with the run.
 

@@ -170,6 +170,14 @@ def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "")
     return f"{known_here(choices, most)}{otherwise}"
 
 
+def near_file(name: str, files: Iterable[str]) -> str:
+    """As ``near`` for files of a folder, whose names are compared without their ends: all of them may be ``.csv``."""
+    stems = {file.rpartition(".")[0] or file: file for file in files}
+    if close := nearest(name.rpartition(".")[0] or name, stems):
+        return f" Did you mean '{clip(stems[close])}'?"
+    return known_here(sorted(stems.values()), 8)
+
+
 def known_here(choices: Sequence[str], most: int) -> str:
     """`` Known here: a, b.`` with the first names; how many there are where that is not all."""
     if not choices:
@@ -181,10 +189,10 @@ def known_here(choices: Sequence[str], most: int) -> str:
 def nearest(name: object, known: Iterable[str]) -> str:
     """The known name that is close to another, or ``""``.
 
-    Close is, in this order: a difference in case, spaces and punctuation; one of a letter or two; the only name that
-    contains the word (``play`` is ``tendon_sheath_play``); a similar spelling; the only name that begins so; an end
-    that differs by a letter or two; the only name that is a word of it (``gear_ratio`` is ``gear``). A single letter
-    does not count as a word, nor two letters as a beginning.
+    Close is, in this order: a difference in case, spaces and punctuation; the only name whose first words these are; a
+    difference of a letter or two; the only name that contains the word (``play`` is ``tendon_sheath_play``); a similar
+    spelling; the only name that begins so; an end that differs by a letter or two; the only name that is a word of it
+    (``gear_ratio`` is ``gear``). A single letter does not count as a word, nor two letters as a beginning.
     """
     choices, text = sorted({str(k) for k in known}), str(name)
     likely, plain = _likely(text, choices), text.casefold()
@@ -192,6 +200,7 @@ def nearest(name: object, known: Iterable[str]) -> str:
     close = (
         [k for k in choices if k.casefold() == plain]
         or _only([k for k in choices if bare_name(k) == bare_name(text)])
+        or _only([k for k in choices if len(plain) > 2 and k.casefold().startswith((f"{plain}_", f"{plain}."))])
         or get_close_matches(text, likely, 1, 0.85)
         or _only([k for k in choices if len(plain) > 1 and f"_{plain}_" in words[k]])
         or get_close_matches(text, likely, 1, 0.6)

@@ -65,13 +65,14 @@ def columns(
         if not words or len(row[end]) <= room:
             lines.append((indent + "  ".join(cells)).rstrip())
         else:
-            lines += _with_words(indent + "  ".join(cells[:-1]) + "  ", row[end], width, f"{indent}    ")
+            before = indent + "  ".join(cells[:-1]) + "  "
+            lines += _with_words(before, row[end], width, f"{indent}    ", empty=not all(row[1:end]))
     return "\n".join(lines)
 
 
-def _with_words(before: str, words: str, width: int, below: str) -> list[str]:
-    """A row with text at its end: beside it in lines that fit, in place of empty cells, or below it."""
-    if before.endswith(NO_CELL) and len(before.rstrip()) + 2 + len(words) <= width:
+def _with_words(before: str, words: str, width: int, below: str, *, empty: bool) -> list[str]:
+    """A row with text at its end: beside it in lines that fit, in place of ``empty`` cells, or below it."""
+    if empty and before.endswith(NO_CELL) and len(before.rstrip()) + 2 + len(words) <= width:
         return [f"{before.rstrip()}  {words}"]
     beside = width - len(before) >= NARROW
     first, others = (before, " " * len(before)) if beside else (below, below)

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from tsmblocks.common.errors import DataError, clip, near
+from tsmblocks.common.errors import DataError, clip, near, near_file
 from tsmblocks.common.interpolation import found_hold, interpolation
 from tsmblocks.common.memory import refuse_too_large
 from tsmblocks.data.containers import COPIES, Arrays, arrays, refuse_twice, without_columns
@@ -53,7 +53,7 @@ def refuse_missing(path: Path) -> None:
         raise DataError(f"there is no file {clip(str(path))}.") from None
     if not path.parent.is_dir():
         raise DataError(f"there is no file {path}: there is no folder '{path.parent}'.")
-    raise DataError(f"there is no file {path}.{near(path.name, [p.name for p in path.parent.iterdir()])}")
+    raise DataError(f"there is no file {path}.{near_file(path.name, [p.name for p in path.parent.iterdir()])}")
 
 
 def refuse_unread(path: Path) -> None:

@@ -17,7 +17,7 @@ from tsmblocks.simulation.simulate import simulate
 
 REFERENCE = "large"
 """The experiment whose reference is tracked."""
-FEEDFORWARD, LOOP, PLANNED = "feedforward (11)", "loop around the model", "planned"
+FEEDFORWARD, LOOP, PLANNED = "feedforward, Eq. 11", "loop around the model", "planned"
 """Names of the compensators."""
 GAIN = 200.0
 """Gain of the fast loop around a model that approximates its inverse [1/s]. Chosen: well below 1 / ``LOOP_STEP``.

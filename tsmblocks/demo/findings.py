@@ -19,6 +19,8 @@ from tsmblocks.effects.effect import parameters_of, sizes_of
 
 WORSE = 1.03
 """Ratio of two tracking errors from which one is worse. Chosen: what hunts does not repeat better."""
+FOUND_NONE = "Found: no unmodelled effect is detectable with these data."
+"""The headline where no effect is found."""
 
 
 @attrs.frozen
@@ -90,7 +92,7 @@ def headline(story: Story) -> tuple[str, str]:
     """What was hidden, and what was found: with the true value beside each size."""
     hidden = f"Hidden: {story.hidden.words}."
     if not story.diagnosis.effects:
-        return hidden, "Found: nothing is missing." if story.diagnosis.verdict == "none" else "Found: nothing."
+        return hidden, FOUND_NONE if story.diagnosis.verdict == "none" else "Found: an error that no effect explains."
     sizes = [f"{name} {with_interval(found)}" for name, _, found in _sizes(story)]
     true = [row.true for row in revealed(story)]
     words = [f"{size} (true: {value})" for size, value in zip(sizes, true, strict=False)][:MAX_SIZES]
@@ -187,7 +189,7 @@ def _why(story: Story, name: str, before: Tracked, after: Tracked) -> str:
     if name == FEEDFORWARD:
         value = story.fit.diagram.parameters["tsm.alpha1"]
         return (
-            f"The {name} gets worse with the better model, {peaks}: it takes the parameters of the Bouc-Wen block "
+            f"The {name}, gets worse with the better model, {peaks}: it takes the parameters of the Bouc-Wen block "
             "only, and those identified had absorbed part of what was hidden "
             f"(alpha1 {value:#.3g}, true {NUMBERS['alpha1']})."
         )

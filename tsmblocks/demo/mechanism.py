@@ -45,7 +45,7 @@ HIDDEN = {
         Ripple(cosine=0.36 * DEG, sine=0.48 * DEG, cycles=8.0),
         "x_out",
     ),
-    "none": Hidden("nothing, the model has the sheath's own form"),
+    "none": Hidden("nothing; the structure of the model is exact"),
 }
 """Effects that may be hidden, by the name that a diagnosis should report."""
 

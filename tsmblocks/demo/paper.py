@@ -24,10 +24,10 @@ DIAGRAMS = {
 STEP, STOP = 1e-3, 40.0
 """Step and duration of the simulation [s]: 8 periods of the slowest sine, the second half of them settled."""
 WHY = (
-    "The paper measured a real sheath; its equations with its parameters agree with it without compensation, but not "
-    "with (11). Even with a perfect model and an ideal motor (11) leaves 13 deg: by (14) it takes the state and "
-    "the slope at the reference, but those of the plant follow the motor, which around a reversal moves much "
-    "further than the reference, so that the plant's hysteresis switches sooner than the observer's."
+    "The paper measured a real sheath. Its equations with its parameters reproduce the error without compensation, but "
+    "not the one with feedforward. Even with a perfect model and an ideal motor the feedforward leaves 13 deg: it "
+    "evaluates the hysteresis state and the slope at the reference (Eq. 14), but those of the plant follow the motor, "
+    "which moves much further than the reference around a reversal, so that the plant's hysteresis switches sooner."
 )
 """Why the simulated errors differ from those measured in the paper."""
 HEADINGS = ("signal", "diagram", "peak to peak [deg]", "rms [deg]", "largest [deg]", "paper, peak to peak [deg]")

@@ -15,7 +15,7 @@ from tsmblocks.fitting.text import estimate_rows
 TITLES = {
     "measured": "A mechanism is measured",
     "identified": "A model of it is identified",
-    "found": "What is missing is found",
+    "found": "The model is diagnosed",
     "revealed": "What was hidden, beside what was found",
     "tracking": "What it means for control",
     "paper": "The source paper's experiments, repeated in simulation",
@@ -32,10 +32,10 @@ def story_text(story: Story) -> str:
 
 def paper_text(cases: Sequence[Case]) -> str:
     """The chapter on the source paper."""
-    head = ("", "none", "(11)", "(11) + PID", "paper measured")
+    head = ("", "uncompensated", "feedforward", "feedforward + PID", "measured in the paper")
     about = (
-        "Peak-to-peak tracking error in deg, over the second half of each run, without compensation, with "
-        "feedforward (11), with feedback as well:"
+        "Peak-to-peak tracking error in deg, over the second half of each run: without compensation, with the "
+        "feedforward of Eq. 11, and with PID feedback of the tip as well."
     )
     return _chapter("paper", _wrapped(about), columns([head, *paper.compared(cases)]), _wrapped(paper.WHY))
 
@@ -66,7 +66,8 @@ def _revealed(story: Story) -> str:
 def _tracking(story: Story) -> str:
     about = (
         f"The mechanism tracks 55 deg at 0.2 Hz behind compensators built on {findings.which(story)}: "
-        "peak-to-peak error in deg, rms in brackets."
+        "peak-to-peak error in deg, rms in brackets. The loop around the model is a fast feedback loop that inverts "
+        "it, and the planned command its optimum, for which the reference is known in advance."
     )
     reasons = [_wrapped(words) for words in findings.worse(story)]
     return _chapter("tracking", _wrapped(about), columns(findings.tracking(story)), *reasons)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import columns, table_width
 from tsmblocks.diagnosis.lines import cut, filled
 from tsmblocks.diagnosis.presentation import by_removed
@@ -37,13 +38,14 @@ def candidate_tables(segment: Segment) -> list[str]:
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
         remarks = filter(None, [nothing_to_remove(fitted), explained(shown, variants)])
         legend = "".join(f"\n{filled(text)}" for text in remarks)
+        key += f"; critical t: {to_digits(shown[0].line)}"
         parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{legend}{more}")
     if not parts:
         return []
     new = "new exp.: the same with whole experiments held out; " if len(segment.gaps[0].experiments) > 1 else ""
     key_words = (
         "removes: reduction of the error above the noise floor, on held-out time blocks; "
-        f"{new}< 0 %: the error grows. t: t-statistic of the reduction; (in brackets) its critical value (95 %)."
+        f"{new}< 0 %: the error grows. t: t-statistic of the reduction, its critical value that of a test at 5 %."
     )
     return [*parts, filled(key_words)]
 
@@ -55,14 +57,7 @@ def _candidate_table(segment: Segment, shown: Sequence[RankedCandidate]) -> str:
     wires = [cut(r.wire.strip(), table_width() - numbers - MIN_TITLE_WIDTH) for r in shown]
     beside = table_width() - numbers - max(map(len, wires)) - max(len(candidate_title(r)) for r in shown)
     wide = beside >= MIN_REASON_WIDTH + 2
-    head = [
-        "  candidate",
-        "on",
-        "removes",
-        *["new exp."][: several - 1],
-        f"t ({shown[0].line:.2g})",
-        *["why not"] * wide,
-    ]
+    head = ["  candidate", "on", "removes", *["new exp."][: several - 1], "t", *["why not"] * wide]
     rows = [
         [
             f"{'*' if r.named else '~' if r.in_set else ' '} {candidate_title(r)}",

@@ -32,8 +32,8 @@ MAX_STEPS = 2_000_000
 """Steps of one simulation at most. Chosen: for the run time, about a second."""
 
 NOT_TRACKED = (
-    "Whether the new model tracks a motion better was not simulated: the compensator, a fast feedback loop around the "
-    "model that finds the command for a wanted motion,"
+    "Whether the augmented model tracks a motion better was not simulated: the compensator, a fast feedback loop "
+    "around the model that finds the command for a wanted motion,"
 )
 """Why there is no consequence, up to the fault of the compensator."""
 NAMES_HOLD = "The effects named do not depend on it."
@@ -83,14 +83,18 @@ def _of_first_experiment(model: Model) -> Diagram:
 
 def _words(base: Errors, augmented: Errors, unit: str, delay: float) -> str:
     """A comment on a compensator on the new model that is no better than that on the base."""
-    worse = [name for name, before, after in zip(("largest", "rms"), base, augmented, strict=True) if after > before]
+    kinds = zip(("peak to peak", "rms"), base, augmented, strict=True)
+    worse = [(name, before, after) for name, before, after in kinds if after > before]
     if not worse:
         return ""
-    limit = in_display_units(augmented[1], unit)
+    sizes = [
+        f"{name}, {in_display_units(after, unit)} against {in_display_units(before, unit)}"
+        for name, before, after in worse
+    ]
     return (
-        f"The {' and '.join(worse)} error with the new model is no smaller. This is no evidence against it: the plant "
-        f"is that model itself, so the remaining error ({limit} rms) is the limit of the command: where it would have "
-        f"to jump, as at a reversal behind a gap or hysteresis, it takes some {to_digits(1000 * delay)} ms."
+        f"The compensator built on the augmented model tracks no better ({'; '.join(sizes)}). This is no evidence "
+        "against the model, which is the plant itself: the inverse of one with a gap or hysteresis has to jump at "
+        f"reversals, and the compensator takes some {to_digits(1000 * delay)} ms for it."
     )
 
 

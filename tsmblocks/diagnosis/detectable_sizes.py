@@ -34,8 +34,8 @@ def limits_texts(segment: Segment, several: bool) -> list[str]:
     parts = list[str]()
     if detectable:
         rows = [[m.name, limit_text(m)] for m in detectable]
-        beside = ", beside the effects named" if named else ""
-        parts.append(f"smallest detectable sizes{where}{beside}:\n{columns(rows, '  ', left=(0, 1))}")
+        beside = " of further effects" if named else ""
+        parts.append(f"smallest detectable sizes{beside}{where}:\n{columns(rows, '  ', left=(0, 1))}")
         parts += filter(None, [filled(acceleration_note(detectable))])
     if undetectable:
         own = {cause: [m for m in undetectable if m.cause == cause] for cause in CAUSES}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import attrs
 
-from tsmblocks.diagnosis.presentation import in_display_units, unit_of
+from tsmblocks.common.units import display_unit
+from tsmblocks.diagnosis.presentation import digits, unit_of
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
@@ -25,8 +26,9 @@ class ChangedParameter:
     @property
     def words(self) -> str:
         """``tsm.theta 3.94 -> 4.02 1/rad``, angles in degrees."""
-        before, after = (in_display_units(value, self.unit) for value in (self.before, self.after))
-        return f"{self.name}  {before.split(' ')[0]} -> {after}"
+        k, unit = display_unit(self.unit)
+        before, after = (digits(k * value) if value else "0" for value in (self.before, self.after))
+        return f"{self.name}  {before} -> {after} {unit}".rstrip()
 
 
 @attrs.frozen

@@ -183,9 +183,9 @@ def floor_rows(gap: Gap) -> list[tuple[str, ...]]:
     if len(recordings) < 2:
         return []
     k, unit = display_unit(gap.unit)
-    rows: list[tuple[str, ...]] = [(heading(f"noise of {gap.output} alone", unit), "rms", "95 % from", "to", "from")]
+    rows: list[tuple[str, ...]] = [(heading(f"noise of {gap.output} alone", unit), "rms", "95 % low", "high", "method")]
     for name, one in recordings.items():
-        high = digits(k * one.high) if np.isfinite(one.high) else "unknown"
+        high = digits(k * one.high) if np.isfinite(one.high) else "-"
         rows.append((name, digits(k * one.floor), digits(k * one.low), high, one.method))
     return rows
 

@@ -21,7 +21,7 @@ from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.search_rounds import SearchRound
 
 INDISTINGUISHABLE = "indistinguishable"
-WORSE_BESIDE_OTHERS = "leaves more error beside the other effects"
+WORSE_BESIDE_OTHERS = "larger error beside the other effects"
 NOT_DETERMINED = "left out: not determined beside the other effects"
 NO_SIZE = "left out: its size is not determined with these data"
 RECURRING = "left out: an error that comes and goes so often is irregular"
@@ -31,8 +31,8 @@ NO_BETTER = "no better on held-out data"
 NOT_SIGNIFICANT = "not significant"
 NO_EXCESS = "the error is within the noise"
 TOO_LITTLE = "removes too little"
-LEAVES_MORE = "leaves more error"
-MORE_GENERAL = "more general, no better"
+LEAVES_MORE = "larger error than another"
+MORE_GENERAL = "more parameters, no smaller error"
 EXPLAINED_BY_OTHER = "explained by another effect"
 NOT_ACCEPTED = "too little beside those named"
 

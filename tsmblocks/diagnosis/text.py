@@ -117,8 +117,8 @@ def _headings(titles: Sequence[str], width: int) -> list[list[str]]:
 
 
 def _residual_location(segment: Segment) -> list[str]:
-    above = "of the error above the noise floor"
-    title = "residual before, by coordinate" if segment.effects else "residual by coordinate"
+    above, shares = "of the error above the noise floor", ", each alone" if len(segment.where) > 1 else ""
+    title = f"residual{' before' if segment.effects else ''} by coordinate{shares}"
     return bullets(title, [f"{percent(w.share)} {above}: {w.words}." for w in segment.where])
 
 
@@ -160,10 +160,10 @@ def _consequence(diagnosis: Diagnosis) -> list[str]:
     rows = [
         [f"tracking {cut(found.reference, _name_length())} [{unit}]", "peak to peak", "rms"],
         ["without compensation", *(digits(k * v) for v in found.none)],
-        ["compensated with the base", *(digits(k * v) for v in found.base)],
-        ["compensated with the new model", *(digits(k * v) for v in found.augmented)],
+        ["compensator on the model as it was", *(digits(k * v) for v in found.base)],
+        ["compensator on the augmented model", *(digits(k * v) for v in found.augmented)],
     ]
-    return [columns(rows), *([filled(found.words)] if found.words else [])]
+    return [f"{columns(rows)}\nplant: the augmented model", *([filled(found.words)] if found.words else [])]
 
 
 # ---- small things --------------------------------------------------------------------------------

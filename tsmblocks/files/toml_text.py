@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from tsmblocks.common.errors import FileError, clip, near
+from tsmblocks.common.errors import FileError, clip, near_file
 from tsmblocks.files.positions import Places
 
 MOST_BYTES = 20_000_000
@@ -22,7 +22,7 @@ def load_text(path: Path) -> str:
             raise FileError(where, [f"{where}: this is a folder, and a file is needed."])
         if not path.is_file():
             beside = [p.name for p in path.parent.glob("*.toml")]
-            raise FileError(where, [f"{where}: there is no such file.{near(path.name, beside) if beside else ''}"])
+            raise FileError(where, [f"{where}: there is no such file.{near_file(path.name, beside) if beside else ''}"])
         with path.open("rb") as file:
             data = file.read(MOST_BYTES + 1)
     except OSError as error:

@@ -71,7 +71,7 @@ def given_floors(
         found = {k: size for k in names if (size := _size(one, k, in_use[k], records, what)) is not None}
         if not found:
             wanted = ", ".join(f"{k} [{in_use[k]}]" for k in names)
-            raise ParameterError(f"{what}={one.text}: '{one.unit}' does not convert to that of {wanted}.")
+            raise ParameterError(f"{what}={one.text}: '{one.unit}' cannot be converted to the unit of {wanted}.")
         twice = [k for k in found if k in made]
         if twice:
             raise ParameterError(f"{what} gives {twice[0]} two values; name each output once.")
