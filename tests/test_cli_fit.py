@@ -534,7 +534,7 @@ def test_the_noise_that_is_given_weighs_the_outputs(run):
     [
         pytest.param("loud", "--sigma: 'loud' is not VALUE, VALUE with a unit, or OUTPUT=VALUE", id="no number"),
         pytest.param("x_uot=1deg", "--sigma: 'x_uot' is not compared here. Did you mean 'x_out'?", id="another output"),
-        pytest.param("1mm", "--sigma 1mm: 'mm' does not convert to that of x_out [rad].", id="another quantity"),
+        pytest.param("1mm", "--sigma 1mm: 'mm' cannot be converted to the unit of x_out [rad].", id="another quantity"),
     ],
 )
 def test_a_noise_that_is_none_is_refused(run, sigma, said):

@@ -108,7 +108,7 @@ def test_a_value_may_have_a_unit(tmp_path, monkeypatch, capsys):
     )
     for setting, said in (
         ("slack.half_width=1V", "--set slack.half_width=1V: 'V' does not convert to 'rad'."),
-        ("lag.gain=1V", "--set lag.gain=1V: lag.gain has no unit that is known; give a number alone."),
+        ("lag.gain=1V", "--set lag.gain=1V: no unit of lag.gain is known; give a plain number."),
     ):
         assert main(["run", "d.toml", "--set", setting]) == 2
         assert said in capsys.readouterr().err

@@ -39,9 +39,18 @@ def test_a_measured_output_is_compared_as_score_does(run):
     assert (status, err) == (0, "")
     record = tsm.read("m.csv", map={"x_in [deg]": "Motor pos", "x_out [deg]": "Tip pos"})
     (left,) = tsm.score(tsm.load(PLAY), record, step=0.01).in_degrees()
-    shown = [f"{value:.4g}" for value in (np.ptp(left.residual), left.rms, left.largest)]
-    assert out.splitlines()[-1].split() == [shown[0], "deg", shown[1], "deg", shown[2], "deg"]
-    assert out.splitlines()[-3].split() == [
+    shown = [f"{value:#.4g}" for value in (np.ptp(left.residual), left.rms, left.largest)]
+    assert out.splitlines()[-1].split() == [
+        "x_out",
+        shown[0],
+        "deg",
+        shown[1],
+        "deg",
+        shown[2],
+        "deg",
+        str(len(left.t)),
+    ]
+    assert out.splitlines()[-2].split() == [
         "measured",
         "less",
         "run",

@@ -19,7 +19,7 @@ PRINT = CSS.partition("@media print")[2]
 def with_candidates(fitted, screened):
     """A report on so many candidates beside the one named."""
     rows = [ranked("backlash", 0.98, named=True, in_set=True)]
-    rows += [ranked(f"weak{k}", 0.5 - 0.01 * k, why_not="leaves more error") for k in range(fitted)]
+    rows += [ranked(f"weak{k}", 0.5 - 0.01 * k, why_not="larger error than another") for k in range(fitted)]
     rows += [ranked(f"out{k}", 0.1, fitted=False) for k in range(screened)]
     return page(diagnosis(attrs.evolve(NAMED, ranking=tuple(rows))))
 

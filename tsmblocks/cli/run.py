@@ -20,7 +20,9 @@ from typing import Any
 from tsmblocks.cli import common, console, parameters, recordings
 from tsmblocks.common.atomic_write import replace_figure
 from tsmblocks.common.errors import RunError
+from tsmblocks.common.rounding import significant
 from tsmblocks.common.tables import columns
+from tsmblocks.common.units import display_unit
 
 DEFAULT_STEP = 1e-3
 """Step [s] where neither the command nor the diagram's file gives one, as for ``simulate``."""
@@ -182,8 +184,6 @@ def _error(error: Any) -> dict[str, Any]:
 
 def summary_text(summary: dict[str, Any]) -> str:
     """The summary as text, outputs in the units of the recording, angles in degrees."""
-    from tsmblocks.common.units import display_unit
-
     title = summary["title"] or summary["diagram"]
     span = f"{summary['start']:g} to {summary['stop']:g} s in steps of {summary['step']:g} s"
     kept = f", every {summary['every']}th kept" if summary["every"] > 1 else ""
@@ -200,33 +200,21 @@ def summary_text(summary: dict[str, Any]) -> str:
 
 
 def _measured_table(summary: dict[str, Any]) -> str:
-    """Table of the residuals, angles in degrees too."""
+    """Table of the residuals."""
     rows: list[tuple[str, ...]] = [("measured less run", "peak to peak", "rms", "largest", "samples")]
-    for d in summary["measured"]:
-        for k, sizes in enumerate(_sizes(d)):
-            rows.append(("", *sizes, "") if k else (d["output"], *sizes, str(d["samples"])))
+    rows += [(d["output"], *_sizes(d), str(d["samples"])) for d in summary["measured"]]
     return columns(rows)
 
 
 def _tracking_table(halves: dict[str, Any]) -> str:
     rows: list[tuple[str, ...]] = [("tracking error x_ref - x_out", "peak to peak", "rms", "largest")]
     titles = {"second_half": f"second half, from {halves['second_half']['from']:g} s", "whole_run": "whole run"}
-    for part, title in titles.items():
-        rows += [("" if k else title, *sizes) for k, sizes in enumerate(_sizes(halves[part]))]
+    rows += [(title, *_sizes(halves[part])) for part, title in titles.items()]
     return columns(rows)
 
 
-def _sizes(error: dict[str, Any]) -> list[list[str]]:
-    """Sizes of an error with their unit; of an angle first in radians, then in degrees."""
-    sizes = [error[k] for k in ("peak_to_peak", "rms", "largest")]
-    return [[f"{factor * size:.4g} {unit}".strip() for size in sizes] for unit, factor in _units(error["unit"])]
-
-
-def _units(unit: str) -> list[tuple[str, float]]:
-    """Units in which an error is printed, with their factors: the recording's, or for an angle radians and degrees."""
-    from tsmblocks.common import units
-
-    if units.parse(unit).dimension == units.parse("rad").dimension:
-        return [(one, units.factor(unit, one)) for one in ("rad", "deg")]
-    factor, shown = units.display_unit(unit)
-    return [(shown, factor)]
+def _sizes(error: dict[str, Any]) -> list[str]:
+    """Sizes of an error with their unit, angles in degrees."""
+    factor, unit = display_unit(error["unit"])
+    sizes = [factor * error[k] for k in ("peak_to_peak", "rms", "largest")]
+    return [f"{significant(size)} {unit}".strip() for size in sizes]

@@ -44,3 +44,8 @@ def fixed(value: float, places: int) -> str:
 def to_digits(value: float, digits: int = 2) -> str:
     """A number in so many digits, without a power of ten where it is of ordinary size: ``400``, not ``4e+02``."""
     return f"{float(f'{value:.{digits}g}'):g}"
+
+
+def significant(value: float, digits: int = 4) -> str:
+    """A number with so many significant digits, trailing zeros included, as a column of a table has them."""
+    return f"{value:#.{digits}g}".rstrip(".")

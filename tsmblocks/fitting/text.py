@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from tsmblocks.common import units
-from tsmblocks.common.rounding import decimals, fixed
+from tsmblocks.common.rounding import decimals, fixed, significant
 from tsmblocks.common.tables import columns, line_width, listed, split_columns, table_width
 from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
@@ -85,11 +85,14 @@ def residual_rows(differences: Differences) -> list[tuple[str, ...]]:
     shown = [d.as_displayed() for d in differences]
     for d in shown:
         share = f"{d.fit_percent:.2f} %" if np.isfinite(d.fit_percent) else ""
-        rows.append((f"{d.experiment}, {d.output}", f"{d.rms:.4g}", f"{d.largest:.4g}", d.unit, share, str(len(d.t))))
+        name, sizes = f"{d.experiment}, {d.output}", (significant(d.rms), significant(d.largest))
+        rows.append((name, *sizes, d.unit, share, str(len(d.t))))
     if len(shown) > 1 and len({(d.output, d.unit) for d in shown}) == 1:
         n, largest = np.array([len(d.t) for d in shown]), max(d.largest for d in shown)
         rms = np.sqrt(n @ np.array([d.rms**2 for d in shown]) / n.sum())
-        rows.append((f"all, {shown[0].output}", f"{rms:.4g}", f"{largest:.4g}", shown[0].unit, "", str(n.sum())))
+        rows.append(
+            (f"all, {shown[0].output}", significant(rms), significant(largest), shown[0].unit, "", str(n.sum()))
+        )
     return rows
 
 
@@ -217,8 +220,8 @@ def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     rows[0] += ("",) * vague
     for row in comparison:
         if row.train is not None and row.fit is not None:
-            figure = f"{k * row.figure:.4g}" if np.isfinite(row.figure) else "-"
-            figures = [*([] if whole else [figure]), f"{k * row.train.rms:.4g}"]
+            figure = significant(k * row.figure) if np.isfinite(row.figure) else "-"
+            figures = [*([] if whole else [figure]), significant(k * row.train.rms)]
             said = ("not determined" if open_numbers(row.fit) else "",) * vague
             rows.append((row.name, str(row.parameters), *figures, *said))
     return rows
@@ -267,9 +270,7 @@ def by_file(found: Mapping[str, Comparison]) -> str:
     for model, rms in ranked:
         figures = [next((row.figure for row in one if row.name == model), np.inf) for one in found.values()]
         pairs = zip((*figures, rms), least, strict=True)
-        rows.append(
-            [model, *(f"{k * y:.4g}{'*' if y == low else ' '}" if np.isfinite(y) else "- " for y, low in pairs)]
-        )
+        rows.append([model, *(significant(k * y) + "* "[y != low] if np.isfinite(y) else "- " for y, low in pairs)])
     text = columns(rows)
     if sum(2 + max(map(len, column)) for column in zip(*rows, strict=True)) > table_width():
         names, *figures_by_file = zip(*rows, strict=True)
