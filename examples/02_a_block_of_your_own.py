@@ -31,4 +31,5 @@ alone = tsm.Diagram(
 )
 t = np.linspace(0.0, 1.0, 1001)
 run = tsm.simulate(alone, inputs={"x": (t, np.sin(2 * np.pi * t))}, step=1e-3)
-print(f"largest torque {run['torque'].max():.3f} N m, promises broken: {list(broken_promises(HardeningSpring()))}")
+print(f"largest torque {run['torque'].max():.3f} N m")
+print(broken_promises(HardeningSpring()) or "all checks passed")

@@ -418,7 +418,7 @@ SEARCHES = {
     "blocks/StateSpace": ("State-Space",),
     "blocks/StribeckFriction": ("Stribeck",),
     "blocks/CoulombFriction": ("dry friction", "Coulomb friction"),
-    "blocks/SensorNoise": ("white noise", "Band-Limited White Noise"),
+    "blocks/Random": ("white noise", "Band-Limited White Noise"),
     "blocks/UnitDelay": ("Unit Delay", "memory"),
     "tutorials/block": ("custom block", "MATLAB Function", "S-Function"),
     "tutorials/loop": ("python-control",),

@@ -1,5 +1,6 @@
 """Blocks with one fault each and the promises that must catch it, so that no check weakens unnoticed."""
 
+import inspect
 import math
 
 import casadi as ca
@@ -574,6 +575,16 @@ def test_a_broken_promise_is_said_in_words():
     with pytest.raises(BrokenPromise) as caught:
         check()
     assert str(caught.value) == "a derivative of RootAtRest y.y is not finite at x=[], u=[0.]."
+
+
+def test_the_length_of_a_class_typed_at_a_prompt_is_not_checked():
+    source = inspect.getsource(Good).partition("\n")[2]  # without its decorator
+    scope = {**globals(), "__name__": __name__}
+    exec(compile(source, "<stdin>", "exec"), scope)
+    typed = block(register=False)(scope["Good"])()
+    with pytest.raises(OSError, match="could not get source code"):
+        inspect.getsource(type(typed).outputs)
+    assert "fits_a_page" not in broken_promises(typed)
 
 
 # ---- what cannot even be declared

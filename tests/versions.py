@@ -22,7 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 RESOLUTIONS = {"oldest": "lowest-direct", "newest": "highest"}
 EXTRAS = ("plots", "data", "test")
-"""What the second command of the README installs, too."""
+"""What the command for the tests in the README installs, too."""
 
 
 def main(arguments: list[str]) -> int:

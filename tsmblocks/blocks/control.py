@@ -17,7 +17,7 @@ from tsmblocks.model.block import Block, Input, Output, block, parameter, state
 class HysteresisObserver(Block):
     r"""Estimate of the transmission's internal state from a rate alone (Fig. 7).
 
-    .. math:: \dot{\hat\zeta} = A v - \vartheta |v| \hat\zeta + \delta |v|
+    .. math:: \dot{\hat\zeta} = A v - \theta |v| \hat\zeta + \delta |v|
 
     The paper prints it without the dot on the left. The paper drives it with the rate of the reference; driven
     with the measured rate of the motor it estimates better, because the motor moves the plant.
@@ -67,7 +67,7 @@ class FeedforwardCompensator(Block):
     .. math::
 
         x_{FF} &= \frac{x_r - \hat\zeta}{\alpha_x(\dot x_r)} \\
-        \dot{\hat\zeta} &= A \dot x_r - \vartheta |\dot x_r| \hat\zeta + \delta |\dot x_r|
+        \dot{\hat\zeta} &= A \dot x_r - \theta |\dot x_r| \hat\zeta + \delta |\dot x_r|
 
     Not an exact inverse: the plant's state follows the rate of :math:`x_{FF}`, the estimate that
     of :math:`x_r`. With a perfect model it still leaves about 13 of 29 degrees.
@@ -99,7 +99,7 @@ class PID(Block):
 
     .. math:: y = k_P e + k_I \int e\,dt + k_D \frac{s}{1 + \tau s}\, e
 
-    The pure derivative of (15) is not proper, so it is filtered. Keep ``tau`` above about 0.36 of the engine's step.
+    The pure derivative of (15) is not proper, so it is filtered. Keep ``tau`` above about 0.36 of the step of the run.
     By default the error passes unchanged; the paper's gains are kP = 1.5, kI = 2 and kD = 0.
     """
 

@@ -34,7 +34,7 @@ def slope(v: Any, alpha1: Any, alpha2: Any) -> Any:
 def hysteresis_state(block: Any, t: Any, x: Any, u: Any) -> dict[str, Any]:  # noqa: ARG001 - the arguments of a method
     r"""Rate of the internal state [rad/s], Eq (8) in the plant and Eq (12) in the observer.
 
-    .. math:: \dot\zeta = A v - \vartheta |v| \zeta + \delta |v|
+    .. math:: \dot\zeta = A v - \theta |v| \zeta + \delta |v|
     """
     speed = ca.fabs(u.v)
     return dict(zeta=block.A * u.v - block.theta * speed * x.zeta + block.delta * speed)
@@ -73,7 +73,7 @@ class AsymmetricBoucWen(Block):
 
     .. math::
 
-        \dot\zeta &= A v - \vartheta |v| \zeta + \delta |v| \\
+        \dot\zeta &= A v - \theta |v| \zeta + \delta |v| \\
         y &= \alpha_x(v)\, x + \zeta, \qquad
         \alpha_x(v) = \frac{\alpha_1 e^{2v} + \alpha_2}{e^{2v} + 1}
 
@@ -205,7 +205,7 @@ class DahlHysteresis(Block):
 
     The stretch tends to :math:`\pm w`. It is Bouc-Wen without its growing term; with equal
     slopes and no :math:`\delta` the paper's model is this one, with :math:`\rho = -A` and
-    :math:`w = -A/\vartheta`, which is where the defaults come from.
+    :math:`w = -A/\theta`, which is where the defaults come from.
     """
 
     source = "Dahl, AIAA J. 14 (1976) 1675; Ikhouane and Rodellar, Systems with Hysteresis (2007)"
@@ -329,8 +329,8 @@ class Play(Block):
 
     The memory m is the value of the max a step ago, so the law is exact on the grid as long as
     the input does not turn within a step. Behind a block that jumps on the grid (a relay) the input turns there: the
-    output is that of the new input, and m, until the next step, that of the old one, an error of the step's order;
-    located switches have none.
+    output is that of the new input, and m, until the next step, that of the old one: an error of the order of the
+    step, absent with ``locate=True``.
     """
 
     source = "Brokate and Sprekels, Hysteresis and Phase Transitions (1996), chapter 2"

@@ -117,7 +117,7 @@ class LoopAsymmetry(Block):
     .. math::
 
         y &= u + \frac{\Delta\alpha}{2} \tanh\!\left(\frac{v}{v_0}\right) x + z \\
-        \dot z &= |v| (\delta - \vartheta z), \qquad v = \dot x
+        \dot z &= |v| (\delta - \theta z), \qquad v = \dot x
 
     Added to a symmetric transmission of x these are the unequal slopes and the :math:`\delta` of the paper's model.
     """

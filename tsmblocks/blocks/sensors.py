@@ -84,7 +84,7 @@ class Bias(Block):
 
 @block
 class GainError(Block):
-    r"""A gain error of a sensor: it reads a share of the signal too much, or too little.
+    r"""A relative error of the sensor's gain.
 
     .. math:: y = (1 + e) u
     """

@@ -39,7 +39,7 @@ FAMILY_WORDS = {
     "delays": "Delays and lags that may be zero, for fits that estimate them.",
     "loops": "Hysteresis loops added to a signal; with their defaults they pass it on unchanged.",
     "transmission": "Deviations added to a signal; with their defaults they pass it on unchanged.",
-    "hydraulics": "Vessels of liquids.",
+    "hydraulics": "Tanks.",
 }
 
 

@@ -17,6 +17,7 @@ from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_point
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.diagnosis.variants import VARIANT_WORDS, parts_of
 from tsmblocks.effects import Effect, Scales, Trials, span_of
+from tsmblocks.html import block_facts
 from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.plots.panels import shown
@@ -41,10 +42,19 @@ FAMILIES = {
     "loop": "Play and hysteresis that a model lacks or describes by another form.",
     "delay": "Dynamics of the transmission: dead time, lag, resonance, dependence on the speed.",
     "map": "Static characteristics of position: slack, limits, bends, ripple.",
-    "load": "An offset of the load.",
-    "time": "Changes over time.",
+    "load": "Forces that depend on position, and constant loads.",
+    "time": "Parameters, offsets and disturbances that are not constant.",
     "limit": "Limits of speed.",
 }
+TITLES = {
+    "loop": "Hysteresis and backlash",
+    "delay": "Delays and dynamics",
+    "map": "Static characteristics",
+    "load": "Loads",
+    "time": "Changes over time",
+    "limit": "Rate limits",
+}
+"""Headings of families whose name says too little."""
 PLANTS = {
     "output": "tendon_sheath_asymmetric",
     **dict.fromkeys(("drive", "load", "brake"), "motor_linear"),
@@ -85,7 +95,7 @@ def pages() -> dict[str, str]:
             for name, some in found.items()
             if some[0].family == family
         ]
-        parts += [rst.heading(family.capitalize(), 1), FAMILIES.get(family, "")]
+        parts += [rst.heading(_title(family), 1), FAMILIES.get(family, "")]
         parts.append(rst.table(("Effect", "What it is", "Places"), rows, (28, 52, 20)))
     plants = []
     for name, diagram in uses.shipped().items():
@@ -100,6 +110,10 @@ def pages() -> dict[str, str]:
         rst.contents(found),
     )
     return {"effects/index": index, **{f"effects/{name}": page(name, some) for name, some in found.items()}}
+
+
+def _title(family: str) -> str:
+    return TITLES.get(family, family.capitalize())
 
 
 def _words(some: list[Effect]) -> str:
@@ -121,16 +135,20 @@ def page(name: str, some: list[Effect]) -> str:
     first = some[0]
     contains = _links("effects", (k for e in some for k in e.contains))
     facts = [
-        f":Family: {first.family}",
+        f":Family: {_title(first.family)}",
         f":Excited by: {rst.words(first.excites)}",
-        f":Looks like: {_links('effects', (k for e in some for k in e.confused)) or 'nothing else here'}",
+        f":Often confused with: {_links('effects', (k for e in some for k in e.confused)) or 'nothing else here'}",
         f":Distinguished by: {rst.words(first.separates)}",
         *([f":Contains: {contains}"] if contains else []),
     ]
     has_letters = any("?" in _fields(e.block)[k].unit for e in some for k in e.free)
     opening = f"{rst.words(_capital(_words(some)))}."
     return rst.page(
-        rst.heading(name), opening, "\n".join(facts), LETTERS * has_letters, *map(_variant, some, _titles(some))
+        rst.heading(name),
+        opening,
+        "\n".join(facts),
+        LETTERS * has_letters,
+        *map(_variant, some, _titles(some), _equations(some)),
     )
 
 
@@ -146,11 +164,22 @@ def _titles(some: list[Effect]) -> list[str]:
     return found
 
 
-def _variant(effect: Effect, title: str) -> str:
+def _equations(some: list[Effect]) -> list[str]:
+    """The equation of each variant that is one block, at the first one of its class; else nothing."""
+    classes = [type(effect.block) for effect in some]
+    return [
+        block_facts.words(cls)[1] if issubclass(cls, Block) and cls not in classes[:k] else ""
+        for k, cls in enumerate(classes)
+    ]
+
+
+def _variant(effect: Effect, title: str, equation: str) -> str:
     made = placed(effect)
+    types = list(dict.fromkeys(uses.types_in(effect.block)))
     return rst.page(
         rst.heading(title, 1),
-        f"Its place is {PLACES[effect.place]}. It is made of {_links('blocks', uses.types_in(effect.block))}.",
+        f"Its place is {PLACES[effect.place]}. Block{'s' if len(types) > 1 else ''}: {_links('blocks', types)}.",
+        rst.formula(equation) if equation else "",
         rst.html(uses.linked_picture(effect.block)) if isinstance(effect.block, Diagram) else "",
         _numbers(effect, made),
         _residual(made),
@@ -171,8 +200,12 @@ def _numbers(effect: Effect, made: Placed) -> str:
         names = " or ".join(map(rst.code, effect.within))
         within = f" Its estimate must not end at a bound of {names}: there it is another effect."
     return rst.page(
-        rst.table(("Fitted", "Unit", "Null", "Bounds", "Searched here", "Meaning"), rows, (18, 8, 9, 15, 17, 33)),
-        f"With the values under *Null* the effect passes its signal on bit for bit.{within}",
+        rst.table(
+            ("Fitted", "Unit", "Value without effect", "Bounds", "Search range in the example", "Meaning"),
+            rows,
+            (17, 8, 11, 14, 18, 32),
+        ),
+        f"With the values under *Value without effect* the effect passes its signal on bit for bit.{within}",
     )
 
 

@@ -57,7 +57,7 @@ def _parts() -> list[Card]:
     words = {
         "blocks": f"{count} blocks with equations, ports, parameters, and an example of each.",
         "effects": f"{len(uses.effects())} effects that a model may lack, their insertion points and their residuals.",
-        "gallery": f"{len(list(gallery.listed()))} examples, with what they print and draw.",
+        "gallery": f"{len(list(gallery.listed()))} examples; most with their output.",
         "diagrams": f"{len(uses.shipped())} files that come with the package: the paper's figures, plants for fits.",
         "concepts": "How a diagram becomes equations, what a fixed step costs, how fits and diagnoses decide.",
         "python": "Every public name, by task, with its arguments.",
