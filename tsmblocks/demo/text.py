@@ -32,7 +32,7 @@ def story_text(story: Story) -> str:
 
 def paper_text(cases: Sequence[Case]) -> str:
     """The chapter on the source paper."""
-    head = ("", "uncompensated", "feedforward", "feedforward + PID", "measured in the paper")
+    head = ("", "uncompensated", "feedforward", "with PID", "paper")
     about = (
         "Peak-to-peak tracking error in deg, over the second half of each run: without compensation, with the "
         "feedforward of Eq. 11, and with PID feedback of the tip as well."
