@@ -222,7 +222,10 @@ def test_only_what_is_free_is_fitted(run, tmp_path):
         (("tendon_sheath_linear",), "give --data FILE with the signals x_in, x_out."),
         (("tendon_sheath_linaer", "--data", "full.csv"), None),
         ((*BASE, "--effects", "drfit"), "--effects: 'drfit' names no effect of the catalogue. Did you mean 'drift'?"),
-        ((*BASE[:4], "--noise-floor", "0.2V"), "--noise-floor 0.2V: 'V' cannot be converted to the unit of x_out [rad]."),
+        (
+            (*BASE[:4], "--noise-floor", "0.2V"),
+            "--noise-floor 0.2V: 'V' cannot be converted to the unit of x_out [rad].",
+        ),
         (
             (*BASE[:4], "--noise-floor", "0.2dge"),
             "--noise-floor 0.2dge: 'dge' is not a unit known here. Did you mean 'deg'?",

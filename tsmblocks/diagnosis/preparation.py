@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import attrs
+import numpy as np
 
 from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each, is_held
 from tsmblocks.common.tables import few
@@ -98,6 +99,18 @@ class Prepared:
         return found_commands(model, self.raw, given & {*self.filtered}, self._may_be_held, distance)
 
     @property
+    def held_in_some(self) -> Commands:
+        """The inputs that are piecewise constant in some recordings and move in others: one converter holds all."""
+        some = _held_inputs(self.part, self.request.records).items()
+        moving = {k for k, names in some if any(k in r and np.ptp(r[k]) > 0 for r in self._others(names))}
+        rates = equations(self.part.diagram).orders
+        return Commands(held=tuple(k for k in moving & self._may_be_held if not rates.get(k, 0)))
+
+    def _others(self, names: Collection[str]) -> list[Record]:
+        """The recordings but those of these names."""
+        return [one for name, one in self.request.records.items() if name not in names]
+
+    @property
     def error(self) -> float:
         """The geometric mean of the residuals of the outputs, in their units."""
         rms = self.base.residual_rms
@@ -107,12 +120,15 @@ class Prepared:
 def prepared(part: Part, request: Request, progress: ProgressCallback, commands: Commands = NO_COMMANDS) -> Prepared:
     """The recordings prepared and the base fitted; ``commands`` are those that are known already."""
     found = _with_commands(part, request, progress, commands)
-    if not (more := found.commands_of(found.base, ROUGH_DISTANCE)):
-        return found
-    other = prepared(part, request, progress, commands.joined(more))
-    most = MAX_ERROR_SHARE if more.held else 1.0
-    kept = other.error < most * found.error and confirmed(other.base, found.base.setup)
-    return other if kept else found
+    if more := found.commands_of(found.base, ROUGH_DISTANCE):
+        other = prepared(part, request, progress, commands.joined(more))
+        most = MAX_ERROR_SHARE if more.held else 1.0
+        if other.error < most * found.error and confirmed(other.base, found.base.setup):
+            return other
+    if some := found.held_in_some:
+        other = prepared(part, request, progress, commands.joined(some))
+        return other if other.error < found.error else found
+    return found
 
 
 def prepared_again(ready: Prepared, commands: Commands, progress: ProgressCallback) -> Prepared:

@@ -74,7 +74,7 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     """The measurable size of an effect in words: ``gap width 3.01 ± 0.02 deg``.
 
     At most ``MAX_SIZES``. Where each experiment has separate values, those of the one in which the first size is the
-    largest; of an effect that defines no sizes its main parameter.
+    largest of those that are clear of zero; of an effect that defines no sizes its main parameter.
     """
     if not effect.sizes:
         main = main_parameter(effect, segment)
@@ -83,7 +83,8 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     parts = {key: key.partition("@") for key in effect.sizes}
     first = next((name for name, at, _ in parts.values() if at), "")
     local = [key for key, (name, at, _) in parts.items() if at and name == first]
-    largest = parts[max(local, key=lambda key: abs(effect.sizes[key].value))][2] if local else ""
+    clear = [key for key in local if effect.sizes[key].low > 0 or effect.sizes[key].high < 0]
+    largest = parts[max(clear or local, key=lambda key: abs(effect.sizes[key].value))][2] if local else ""
     shown = [key for key, (_, _, experiment) in parts.items() if experiment in ("", largest)]
     return [_with_name(parts[key][0], size_text(effect, key), parts[key][2]) for key in shown][:MAX_SIZES]
 

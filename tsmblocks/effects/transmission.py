@@ -12,11 +12,16 @@ from tsmblocks.effects.trials import Scales, Trials
 
 
 def _gap_trials(scales: Scales) -> Trials:
-    """A gap takes up deflection that the force would make: the model without it deflects less."""
+    """A gap takes up deflection that the force would make: the model without it deflects less.
+
+    It is where nothing is transmitted: at a deflection of zero, or in the middle of it behind a preload.
+    """
     reach, middle = scales.wire.reach, scales.wire.middle
+    unloaded = (0.0,) if scales.wire.low < 0 < scales.wire.high else ()
     shapes = tuple(
-        {"half_width": share * reach, "centre": middle, "softness": 0.05 * share * reach}
-        for share in (0.1, 0.3, 1.0, 3.0)
+        {"half_width": share * reach, "centre": centre, "softness": 0.05 * share * reach}
+        for centre in (*unloaded, middle)
+        for share in (0.03, 0.1, 0.3, 1.0, 3.0)
     )
     around, softness = (middle - 10 * reach, middle + 10 * reach), (1e-4 * reach, 3 * reach)
     return Trials({}, shapes, bounds={"half_width": (0.0, 30 * reach), "centre": around, "softness": softness})
