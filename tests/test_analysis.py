@@ -318,7 +318,7 @@ def test_sizes_of_angles_are_shown_in_degrees_and_ticks_as_numbers():
     angle = angle.rewire(inputs={"u": tsm.Inlet(angle.inputs["u"].ports, unit="rad")})
     figure = frequency_response(angle, [0.5, 1.0, 2.0], np.deg2rad([10.0, 20.0]), settle=0).plot()
     legend = figure.axes[0].get_legend()
-    assert legend.get_title().get_text() == "size of u [deg]"
+    assert legend.get_title().get_text() == "amplitude of u [deg]"
     assert [text.get_text() for text in legend.get_texts()] == ["10", "20"]
     figure.canvas.draw()
     ticks = {t.get_text() for t in figure.axes[2].xaxis.get_ticklabels(which="both")}

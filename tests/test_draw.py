@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -29,7 +30,8 @@ from tsmblocks.blocks import (
 )
 from tsmblocks.common.errors import TsmError
 from tsmblocks.draw import layout, simplex, to_mermaid, to_pdf, to_png, to_svg
-from tsmblocks.draw.faces import fraction, values_of
+from tsmblocks.draw.detours import Detours
+from tsmblocks.draw.faces import fraction, symbol_of, values_of
 from tsmblocks.draw.picture import DARK, LIGHT, text_width
 from tsmblocks.draw.tracks import Trunk, arrange
 from tsmblocks.model.block import REGISTRY, Block, Input, Output, block, option, parameter
@@ -556,6 +558,74 @@ def test_drawings_in_rows_keep_the_laws(diagram, wrap):
 @given(loops_beside_each_other(), st.sampled_from([300, 500]))
 def test_feedback_across_rows_keeps_the_laws(diagram, wrap):
     assert_lawful(diagram, wrap=wrap)
+
+
+def test_feedback_across_rows_keeps_to_the_left_margin():
+    """It used to run to the right end of each row and back, twice across the picture."""
+    picture = assert_lawful(tsm.load("fig16_feedforward_feedback"), wrap=800)
+    boxes = {box.name: box for box in picture.boxes if box.shape != "terminal"}
+    assert len({boxes[name].y // 100 for name in ("pid", "controller", "motor")}) == 3
+    for signal, target in (("tsm.y", "tip_error"), ("motor.y", "error")):
+        wire = next(one for one in picture.wires if one.signal == signal)
+        middle = boxes[target].x + boxes[target].width / 2
+        above = [p for p in pieces(wire) if min(p[1], p[3]) < boxes["motor"].y]
+        assert max(max(p[0], p[2]) for p in above) == pytest.approx(middle)
+    assert crossings(picture) == 0
+
+
+def test_feedback_from_within_a_row_that_is_passed_is_drawn_all_the_same():
+    """A signal with a receiver in each row has a branch at which it cannot turn off to the margin."""
+    loop = chain(9, back=[(8, 1), (8, 4)])
+    for wrap in (500, 700, 900):
+        assert_lawful(loop, wrap=wrap)
+    nested_loops = chain(12, back=[(11, 1), (10, 2), (8, 5), (7, 6)])
+    for wrap in (400, 600, 900):
+        assert_lawful(nested_loops, wrap=wrap)
+
+
+def crossings(picture):
+    """How often wires of two signals cross."""
+    lines = [(wire.signal, piece) for wire in picture.wires for piece in pieces(wire)]
+    return sum(
+        one != two
+        and a[0] == a[2]
+        and b[1] == b[3]
+        and min(b[0], b[2]) < a[0] < max(b[0], b[2])
+        and min(a[1], a[3]) < b[1] < max(a[1], a[3])
+        for (one, a), (two, b) in itertools.permutations(lines, 2)
+    )
+
+
+@settings(deadline=None, max_examples=40)
+@given(loops_beside_each_other(), st.sampled_from([300, 500]))
+def test_wires_at_the_margin_cross_no_more_wires(diagram, wrap):
+    with_margin = crossings(layout(diagram, wrap=wrap))
+    with mock.patch.object(Detours, "of", lambda boxes, wires, starts, crossed: plain(len(starts))):
+        assert with_margin <= crossings(layout(diagram, wrap=wrap))
+
+
+def plain(rows):
+    return Detours((frozenset(),) * rows, (frozenset(),) * rows)
+
+
+@pytest.mark.parametrize(
+    ("symbol", "said"),
+    [
+        ("(x-ζ̂)/αₓ", "(x−ζ̂)/αₓ"),
+        ("e^(-Ts)", "e^(−Ts)"),
+        ("u(t-T)", "u(t−T)"),
+        ("T/(z-1)", "T/(z−1)"),
+        ("Bouc-Wen", "Bouc-Wen"),
+        ("table 2-D", "table 2-D"),
+        ("on/off-switch", "on/off-switch"),
+    ],
+)
+def test_a_minus_in_a_formula_is_no_hyphen(symbol, said):
+    class Named:
+        pass
+
+    Named.symbol = symbol
+    assert symbol_of(Named()) == said
 
 
 def test_a_gain_is_a_triangle_with_its_number():

@@ -55,14 +55,19 @@ def test_a_fit_has_four_panels_in_degrees_and_one_legend(one):
     np.testing.assert_allclose(line(residual, "residual").get_ydata(), np.degrees(difference.residual))
     np.testing.assert_allclose(line(loop, "measured").get_xdata(), np.degrees(X))
     assert [panel.get_xlabel() for panel in made.axes] == ["t [s]", "t [s]", "x_in [deg]", "lag [s]"]
-    assert [panel.get_ylabel() for panel in made.axes] == ["x_out [deg]", "residual [deg]", "x_out [deg]", ""]
+    assert [panel.get_ylabel() for panel in made.axes] == [
+        "x_out [deg]",
+        "residual [deg]",
+        "x_out [deg]",
+        "autocorrelation",
+    ]
     rms, largest = np.degrees([difference.rms, difference.largest])
     assert history.get_title(loc="left") == "bend 60, x_out"
     assert residual.get_title(loc="left") == f"residual: rms {rms:.3g}, largest {largest:.3g} deg"
-    assert colour.get_title(loc="left") == "autocorrelation"
+    assert line(colour, "residual").get_xdata()[0] == 0.0
     (legend,) = made.legends
     told = [text.get_text() for text in legend.get_texts()]
-    assert told == ["measured", "simulated", "noise (± 2 rms)", "residual", "white noise"]
+    assert told == ["measured", "simulated", "noise (± 2 rms)", "residual", "95 % band, white noise"]
     assert all(panel.get_legend() is None for panel in made.axes)
     made.canvas.draw()
 
@@ -103,6 +108,16 @@ def test_the_autocorrelation_is_over_seconds_and_white_noise_keeps_to_its_band(o
     (band,) = colour.patches
     corners = band.get_extents().transformed(colour.transData.inverted())
     assert corners.y1 == pytest.approx(1.96 / np.sqrt(len(r)), rel=1e-3)
+    low, high = colour.get_ylim()
+    assert corners.y1 > 0.25 * high  # the band is seen
+    assert (-low, np.abs(rho[1:]).max() < high) == (high, True)
+
+
+def test_the_autocorrelation_of_a_residual_that_is_no_noise_is_seen_as_a_whole(one):
+    (difference,) = one.differences
+    slow = attrs.evolve(difference, simulated=difference.measured - np.sin(T))
+    (colour,) = plot_autocorrelation(slow).axes
+    assert colour.get_ylim()[1] == pytest.approx(1.05)
 
 
 @pytest.mark.parametrize("draw", [plot_history, plot_residual, plot_fitted_loop, plot_autocorrelation])

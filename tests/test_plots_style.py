@@ -16,11 +16,14 @@ from tsmblocks.analysis import frequency_response
 from tsmblocks.common.palette import LIGHT
 from tsmblocks.common.units import axis_unit
 from tsmblocks.common.views import view
+from tsmblocks.plots.panels import axes, decimal
+from tsmblocks.plots.style import RESIDUAL, styled
 from tsmblocks.studies import Uniform, grid, latin_hypercube
 from tsmblocks.tuning.result import Oscillation
 
 matplotlib = pytest.importorskip("matplotlib", reason="the extra [plots] brings it")
 pyplot = pytest.importorskip("matplotlib.pyplot", reason="the extra [plots] brings it")
+LineCollection = pytest.importorskip("matplotlib.collections").LineCollection
 METRICS = {"error": "rms(x_ref - x_out)"}
 
 
@@ -207,6 +210,49 @@ def test_gain_is_in_decibels_and_phase_has_ticks_at_parts_of_a_right_angle():
     assert "1" in [text.get_text() for text in last.get_xticklabels()]
 
 
+@pytest.mark.parametrize(
+    ("ends", "names"),
+    [
+        ((0.9, 11.0), "1 2 5 10"),
+        ((0.1, 10.0), "0.1 0.2 0.5 1 2 5 10"),
+        ((3.0, 9.0), "3 4 5 6 7 8 9"),
+        ((0.055, 0.085), "0.06 0.07 0.08"),
+        ((4.2, 4.8), "4.2 4.35 4.5 4.65 4.8"),
+        ((1.0, 1e5), "10$^0$"),
+    ],
+)
+def test_a_logarithmic_axis_has_names_at_one_two_and_five_in_one_line(ends, names):
+    panel = _logarithmic(*ends)
+    panel.figure.canvas.draw()
+    seen = [tick for which in (0, 1) for tick in panel.get_xticklabels(which=("major", "minor")[which])]
+    seen = [text for text in seen if text.get_text() and ends[0] <= text.get_position()[0] <= ends[1] * (1 + 1e-9)]
+    told = [text.get_text() for text in sorted(seen, key=lambda text: text.get_position()[0])]
+    if names.startswith("10$"):
+        assert "1" not in told  # powers of ten, as matplotlib writes them
+        return
+    assert told == names.split()
+    assert len({round(text.get_window_extent().y1, 1) for text in seen}) == 1
+    if ends[0] < 1 < ends[1]:
+        fine = [tick.gridline for tick in panel.xaxis.get_minor_ticks()]
+        assert all(line.get_visible() and line.get_linewidth() < 0.4 for line in fine)
+
+
+@styled
+def _logarithmic(low, high, ax=None):
+    (panel,) = axes(ax, 1, height=1.5)
+    panel.semilogx([low, high], [0.0, 1.0])
+    panel.set_xlim(low, high)
+    decimal(panel.xaxis)
+    return panel
+
+
+def test_a_frequency_response_names_amplitude_and_quotient():
+    response = frequency_response(tsm.load("motor_linear"), [1.0], [0.1, 1.0])
+    figure = drawn(response)
+    assert figure.axes[0].get_legend().get_title().get_text() == "amplitude of u [V]"
+    assert figure.get_suptitle().endswith(": x / u")
+
+
 def test_values_of_a_logarithmic_plan_are_drawn_on_a_logarithmic_axis():
     plan = latin_hypercube({"pid.kp": Uniform(0.01, 10.0, log=True), "theta": (4.0, 5.0)}, 40, seed=1)
     found = tsm.study(LOOP, plan, METRICS, stop=0.1)
@@ -258,10 +304,41 @@ def test_the_same_colour_means_the_same(values):
     history, residual, *_ = drawn(fit).axes
     colours = {line.get_label(): line.get_color() for panel in (history, residual) for line in panel.lines}
     assert colours["measured"] == LIGHT["measured"]
-    assert colours["simulated"] == colours["residual"] == LIGHT["after"]
+    assert (colours["simulated"], colours["residual"]) == (LIGHT["after"], RESIDUAL)
+    shades = [matplotlib.colors.to_hex(patch.get_facecolor()) for panel in drawn(fit).axes for patch in panel.patches]
+    assert shades == [LIGHT["floor"], RESIDUAL]  # noise of the measurement, and what white noise stays in
     found = next(value for value in values if isinstance(value, tsm.Diagnosis))
     residuals = {line.get_label(): line.get_color() for line in drawn(found).axes[1].lines}
     assert residuals == {"before": LIGHT["before"], "after": LIGHT["after"]}
+
+
+def test_the_legend_of_a_diagnosis_has_bars_lines_dots_and_the_strip(values):
+    figure = drawn(next(value for value in values if isinstance(value, tsm.Diagnosis)))
+    (legend,) = figure.legends
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert len(labels) == len(set(labels))
+    assert {"before", "after", "noise", "error by block of time", "reported effects"} <= set(labels)
+    bars, residual, loop, along = figure.axes
+    assert bars.get_title(loc="left") == "x_in -> x_out: backlash"
+    for panel in (bars, residual, loop, along):
+        assert {"before", "after"} <= set(panel.get_legend_handles_labels()[1])
+    signs = [type(sign).__name__ for sign in legend.get_patches() + legend.get_lines() + legend.findobj(LineCollection)]
+    assert signs.count("Rectangle") >= 5  # two bars, a hollow one, noise and strip
+    assert "LineCollection" in signs  # standard errors of the dots
+
+
+def test_labels_of_axes_keep_clear_of_ticks_and_stand_in_one_line(values):
+    """An underscore beside a tick with a minus read as part of it."""
+    run = next(value for value in values if isinstance(value, tsm.Run))
+    figure = drawn(run, width=3.4)
+    boxes = [panel.yaxis.label.get_window_extent() for panel in figure.axes]
+    assert len(boxes) > 1
+    assert len({round(box.x1, 1) for box in boxes}) == 1
+    for panel, box in zip(figure.axes, boxes, strict=True):
+        low, high = panel.get_ylim()
+        ticks = [text for text in panel.get_yticklabels() if low <= text.get_position()[1] <= high]
+        assert min(text.get_window_extent().x0 for text in ticks) - box.x1 > 3.5 * figure.dpi / 72
+        assert not any("-" in text.get_text() for text in ticks)  # a minus is no hyphen
 
 
 def test_a_model_that_misses_nothing_has_the_colour_of_a_model(values):

@@ -400,11 +400,11 @@ def test_the_unit_of_a_coordinate_follows_from_the_motion():
     assert units == {"position": "rad", "speed": "rad/s", "session time": "s"}
 
 
-def test_the_axis_of_a_coordinate_with_a_sign_says_what_negative_means():
+def test_the_axis_of_a_coordinate_with_a_sign_says_so():
     assert showing.profile(NAMED, "x_out", "speed").coordinate == "speed"
     signed = showing.profile(NAMED, "x_out", "time since reversal")
     assert signed.x.min() < 0
-    assert signed.coordinate == "time since reversal, negative where x_in falls"
+    assert signed.coordinate == "signed time since reversal"
 
 
 def test_too_few_blocks_say_nothing_of_how_sure_a_mean_is():

@@ -62,8 +62,8 @@ def words_for(text: str, signal: str, unit: str) -> str:
 
 def axis_title(coordinate: str, signal: str, unit: str) -> str:
     """The title of an axis of a coordinate of a signal [unit]; where it has the sign of the direction, it says so."""
-    signed = COORDINATES[coordinate][1].endswith("with the sign of the direction")
-    return words_for(coordinate, signal, unit) + (f", negative where {signal or 'it'} falls" if signed else "")
+    signed = coordinate.endswith("since reversal")
+    return f"{'signed ' if signed else ''}{words_for(coordinate, signal, unit)}"
 
 
 def coordinate_unit(coordinate: str, unit: str) -> str:

@@ -20,6 +20,8 @@ FRACTION = 13
 """Size of the parts of a fraction [pixels]."""
 WIDEST_SYMBOL, WIDEST_FRACTION, WIDEST_TEXT = 110, 200, 140
 """Widths beyond which a symbol is wrapped, values in a fraction are not shown, and a title is cut [pixels]."""
+FORMULA, IN_A_FORMULA = re.compile(r"[(/^]"), re.compile(r"(?<![a-z]{2})-|-(?![a-z]{2})", re.IGNORECASE)
+"""What tells a formula from words, and a hyphen in it that is a minus."""
 SWITCHED = {"enable": "enabled", "trigger": "triggered"}
 """Word in the box of a diagram that is switched, by what switches it."""
 
@@ -55,8 +57,9 @@ class Face:
 
 
 def symbol_of(block: Any) -> str:
-    """The text in the box without values: the block's symbol, else its class name."""
-    return str(getattr(block, "symbol", "") or type(block).__name__)
+    """The text in the box without values: the block's symbol, else its class name; with a minus in formulas."""
+    symbol = str(getattr(block, "symbol", "") or type(block).__name__)
+    return IN_A_FORMULA.sub("−", symbol) if FORMULA.search(symbol) else symbol
 
 
 def face(block: Any, with_values: bool, unit_of: UnitOf) -> Face:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import attrs
 
+from tsmblocks.draw.detours import Detours
 from tsmblocks.draw.picture import Box, Extent, Point, Wire
 
 TRACK = 12
@@ -93,18 +94,20 @@ class Rows:
     crossed: list[list[float]]
     floors: list[float]
     bands: list[list[Point]]
+    detours: Detours
 
     @classmethod
     def of(
-        cls, boxes: Iterable[Box], wires: Iterable[Wire], starts: tuple[float, ...], crossed: list[list[float]]
+        cls, boxes: Sequence[Box], wires: Sequence[Wire], starts: tuple[float, ...], crossed: list[list[float]]
     ) -> Rows:
         """The rows that begin at ``starts``, packed one below the other."""
         spans: list[list[Point]] = [[] for _ in starts]
         for left, top, right, bottom in extents(boxes, wires):
             spans[bisect(starts, (left + right) / 2) - 1].append((top, bottom))
+        detours = Detours.of(boxes, wires, starts, crossed)
         for row, heights in enumerate(crossed):  # a wire may cross a row without an end in it
             for k in (row, row + 1):
-                spans[k] += [(y, y) for y in heights]
+                spans[k] += [(y, y) for y in heights if y not in detours.passing[k]]
         bands = [_empty(sorted(some)) for some in spans]
         indent = EDGE + TRACK * max(map(len, crossed))
         shifts, floors, y = [], [], 0.0
@@ -113,7 +116,7 @@ class Rows:
             shifts.append(((indent if row else 0.0) - start, float(round(y - top))))
             floors.append(bottom + shifts[row][1] - sum(size for _, size in bands[row]))
             y = floors[row] + 2 * EDGE + TRACK * len(crossed[row] if row < len(crossed) else ())
-        return cls(starts, shifts, crossed, floors, bands)
+        return cls(starts, shifts, crossed, floors, bands, detours)
 
     def shift(self, x: float, y: float) -> Point:
         """How far something at a point of the wide drawing moves."""
@@ -147,26 +150,44 @@ class Rows:
             labels=tuple(label.moved(*self.shift(label.x, label.y)) for label in wire.labels),
         )
 
-    def _line(self, line: Sequence[Point]) -> Iterator[Point]:
-        yield self.point(line[0])
+    def _line(self, line: Sequence[Point]) -> list[Point]:
+        found = [self.point(line[0])]
         for a, b in pairwise(line):
-            first, last = self.row(a[0]), self.row(b[0])
-            step = 1 if last > first else -1
-            for row in range(first, last, step):
-                across = self._connection(min(row, row + step), a[1])
-                yield from across[::step]
-            yield self.point(b)
+            found += self._across(a, b) if a[0] < b[0] else self._across(b, a)[::-1]
+            found.append(self.point(b))
+        return _straightened(found)
 
-    def _connection(self, row: int, y: float) -> list[Point]:
-        """Corners of a wire from the end of a row to the start of the next.
+    def _across(self, a: Point, b: Point) -> list[Point]:
+        """Corners of a horizontal wire from the row of its left end to that of its right end."""
+        found: list[Point] = []
+        first, y = self.row(a[0]), a[1]
+        for row in range(first, self.row(b[0])):
+            ends, lead = self._connection(row, y)
+            if row == first and y in self.detours.dropped[row]:
+                ends = [(self.point(a)[0], lead[0][1])]
+            elif row > first and y in self.detours.passing[row]:
+                ends = [(found.pop()[0], lead[0][1])]
+            found += [*ends, *lead]
+        return found
+
+    def _connection(self, row: int, y: float) -> tuple[list[Point], list[Point]]:
+        """Corners of a wire at the end of a row, and those from there to the start of the next.
 
         The highest runs outside on the right, lowest between the rows and inside on the left, so that none cross.
         """
         heights = self.crossed[row]
         place = heights.index(y)
         edge, start = self.starts[row + 1] + self.shifts[row][0], self.starts[row + 1] + self.shifts[row + 1][0]
-        right = edge + EDGE / 2 + TRACK * (len(heights) - 1 - place)
+        outside = len(heights) - len(self.detours.passing[row]) - len(self.detours.dropped[row])
+        right = edge + EDGE / 2 + TRACK * (outside - 1 - place)
         left = start - EDGE / 2 - TRACK * place
         lane = self.floors[row] + EDGE + TRACK * (len(heights) - 1 - place)
         upper, lower = (y + self._shift(k, y)[1] for k in (row, row + 1))
-        return [(right, upper), (right, lane), (left, lane), (left, lower)]
+        return [(right, upper), (right, lane)], [(left, lane), (left, lower)]
+
+
+def _straightened(line: Sequence[Point]) -> list[Point]:
+    """A line without corners at which it does not turn."""
+    inner = zip(line, line[1:], line[2:], strict=False)
+    turns = [b for a, b, c in inner if not (a[0] == b[0] == c[0] or a[1] == b[1] == c[1])]
+    return [line[0], *turns, line[-1]]

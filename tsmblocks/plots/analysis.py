@@ -47,9 +47,9 @@ def plot_frequency_response(response: FrequencyResponse, ax: Any = None, *, widt
     for panel in panels:
         decimal(panel.xaxis)
     panels[-1].set_xlabel("frequency [Hz]")
-    key(panels[0], title=heading(f"size of {response.driven}", unit))
+    key(panels[0], title=heading(f"amplitude of {response.driven}", unit))
     if ax is None:
-        entitle(panels[0].figure, f"{response.title}: {response.output} over {response.driven}")
+        entitle(panels[0].figure, f"{response.title}: {response.output} / {response.driven}")
     return panels[0].figure
 
 

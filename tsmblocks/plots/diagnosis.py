@@ -13,10 +13,14 @@ from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.segment import Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
 from tsmblocks.diagnosis.verdict_text import worst_gap
-from tsmblocks.plots.panels import axes, dress, entitle, head, in_time, key, scaled, shared_key, sheet
+from tsmblocks.plots.panels import aligned, axes, dress, entitle, head, in_time, key, scaled, shared_key, sheet
 from tsmblocks.plots.style import BEFORE, INK, MEASURED, NOISE, NOISE_BAND, PALE, styled
 from tsmblocks.plots.style import MODEL as AFTER
 
+OUTCOMES = {"none": "no unmodelled effect detectable", "unknown": "error not explained"}
+"""Verdicts on a segment without effects, in words."""
+CELLS = "error by block of time"
+"""Label of the strips above a residual: the darker a cell, the larger the error."""
 LEAST_BARS = 3
 """Experiments for which there is room at least, so that the bars of one are not as high as the panel."""
 BAR_EDGE: dict[str, Any] = {"fill": False, "edgecolor": INK, "lw": 0.6}
@@ -39,14 +43,19 @@ def plot_diagnosis(diagnosis: Diagnosis, ax: Any = None, *, width: float | None 
         _traces(row[1], trace, gap, segment)
         _loop(row[2], trace, segment)
         _along(row[3], segment, gap)
-        head(row[0], f"{segment.name}: {segment.verdict}", weight="bold")
+        head(row[0], f"{segment.name}: {_outcome(segment)}", weight="bold")
         head(row[1], trace.experiment)
         head(row[2], f"{trace.experiment}, {_stretch_text(trace)}")
     shared_key(figure, panels.flat, own=ax is None)
-    names = ", ".join(e.name for e in diagnosis.effects)
+    aligned(figure, panels.flat, own=ax is None)
     if ax is None:
-        entitle(figure, f"{diagnosis.diagram}: {names or diagnosis.verdict}")
+        entitle(figure, diagnosis.diagram)
     return figure
+
+
+def _outcome(segment: Segment) -> str:
+    """What a segment lacks, in a few words."""
+    return ", ".join(e.name for e in segment.effects) or OUTCOMES.get(segment.verdict, segment.verdict)
 
 
 @styled
@@ -103,11 +112,13 @@ def _bars(panel: Any, segment: Segment, gap: Gap) -> None:
     (errors, train, floor), unit = scaled(
         gap.unit, [values for _, values, _ in rows], [train for _, _, train in rows], gap.noise_floor
     )
+    looks = _looks(segment)
+    labels = [looks[0][0], *names[1:-1], looks[1][0]][: last + 1]
     tall = 0.8 / len(gap.held_out)
-    for step, name in enumerate(names):
+    for step, label in enumerate(labels):
         places = np.arange(len(rows)) + step * tall - 0.4 + tall / 2
-        colour = _looks(segment)[0][1] if not step else AFTER if step == last else PALE
-        panel.barh(places, errors[:, step], 0.9 * tall, color=colour, label=name if step else _looks(segment)[0][0])
+        colour = looks[0][1] if not step else AFTER if step == last else PALE
+        panel.barh(places, errors[:, step], 0.9 * tall, color=colour, label=label)
         if step in (0, last):
             own = train[:, 1 if step else 0]
             panel.barh(places, own, 0.9 * tall, label="" if step else "as fitted", **BAR_EDGE)
@@ -135,6 +146,8 @@ def _traces(panel: Any, trace: Trace, gap: Gap, segment: Segment) -> None:
     for (label, colour), residual in zip(looks, (before, after), strict=False):
         panel.plot(t, residual, color=colour, lw=0.7, label=label)
     reach, k = max(float(np.abs(before).max()), float(noise)), t[-1] / trace.t[-1] if trace.t[-1] else 1.0
+    if len(trace.excess):
+        panel.fill_between([t[0]] * 2, 1.22 * reach, color=looks[0][1], alpha=0.5, lw=0, label=CELLS)
     for start, stop, *squares in strips(trace):
         for low, square, (_, colour) in zip((1.22 * reach, 1.12 * reach), squares, looks, strict=False):
             across = [k * start, k * stop]

@@ -19,8 +19,19 @@ from tsmblocks.fitting.comparison import Comparison, overall
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.score import Difference, Differences
 from tsmblocks.fitting.statistics import autocorrelation
-from tsmblocks.plots.panels import axes, decimal, dress, entitle, head, in_time, key, scaled, shared_key, sheet
-from tsmblocks.plots.style import INK, MEASURED, MODEL, NARROW, NOISE_BAND, series, styled, width_of
+from tsmblocks.plots.panels import aligned, axes, decimal, dress, entitle, head, in_time, key, scaled, shared_key, sheet
+from tsmblocks.plots.style import (
+    INK,
+    MEASURED,
+    MODEL,
+    NARROW,
+    NOISE_BAND,
+    RESIDUAL,
+    WHITE_BAND,
+    series,
+    styled,
+    width_of,
+)
 
 MOST = 8
 """Experiments and outputs drawn; more would be too small to read."""
@@ -28,6 +39,8 @@ SPACIOUS = 2
 """Experiments and outputs of which each has two lines of panels; of more, one."""
 LAGS = 500
 """Samples up to which the autocorrelation is drawn."""
+BAND_SHARE = 0.4
+"""Share of the height of an autocorrelation that the band of white noise takes at most. Chosen: both are seen."""
 MARKS = "osD^vPX*"
 """Markers of files, beside their colours."""
 
@@ -50,13 +63,13 @@ def plot_fit(fit: Fit | Differences, ax: Any = None, *, width: float | None = No
         head(row[0], f"{one.experiment}, {one.output}", weight="bold")
         title = _residual_title(one)  # without the name, which the axis has, where panels are narrow
         head(row[1], title if len(rows) <= SPACIOUS else title.removeprefix("residual: "))
-        head(row[3], "autocorrelation")
     if len(rows) > SPACIOUS and figure.get_figwidth() >= NARROW:
         _name_once(panels)
     if ax is None:
         more = f" (the first {MOST} of {len(differences)})" if len(differences) > MOST else ""
         entitle(figure, f"{differences.title}{more}")
     shared_key(figure, panels[0], own=ax is None)
+    aligned(figure, panels.flat, own=ax is None)
     return figure
 
 
@@ -91,9 +104,7 @@ def plot_fitted_loop(difference: Difference, ax: Any = None, *, width: float | N
 @styled
 def plot_autocorrelation(difference: Difference, ax: Any = None, *, width: float | None = None) -> Any:
     """Autocorrelation of the residual over the lag in s; 95 % of the lags of white noise lie in the band."""
-    figure = _alone(_autocorrelation, difference, ax, width)
-    dress(figure.axes[-1] if ax is None else np.ravel(np.array(ax, dtype=object))[0], ylabel="autocorrelation")
-    return figure
+    return _alone(_autocorrelation, difference, ax, width)
 
 
 def _alone(draw: Any, one: Difference, ax: Any, width: float | None, height: float = 2.3) -> Any:
@@ -127,7 +138,7 @@ def _residual(panel: Any, one: Difference) -> None:
     t, label = in_time(one.t)
     if floor:
         panel.axhspan(-band, band, label="noise (± 2 rms)", **NOISE_BAND)
-    panel.plot(t, residual, color=MODEL, lw=0.7, label="residual")
+    panel.plot(t, residual, color=RESIDUAL, lw=0.7, label="residual")
     panel.axhline(0.0, color=INK, lw=0.6)
     dress(panel, label, heading("residual", unit))
 
@@ -156,11 +167,13 @@ def _loop(panel: Any, one: Difference) -> None:
 def _autocorrelation(panel: Any, one: Difference) -> None:
     rho, band = autocorrelation(one.residual, LAGS)
     lag, unit = scaled("s", float(np.median(np.diff(one.t))) * np.arange(len(rho)))
-    panel.axhspan(-band, band, label="white noise", **NOISE_BAND)
-    panel.plot(lag[0], rho, color=MODEL, label="residual")
+    panel.axhspan(-band, band, label="95 % band, white noise", **WHITE_BAND)
+    panel.plot(lag[0], rho, color=RESIDUAL, lw=0.7, label="residual")
     panel.axhline(0.0, color=INK, lw=0.6)
-    panel.set_ylim(-1.05, 1.05)
-    dress(panel, heading("lag", unit))
+    largest = float(np.nanmax(np.abs(rho[1:]), initial=0.0))  # without lag 0: it is 1
+    reach = min(max(1.1 * largest, band / BAND_SHARE), 1.05)
+    panel.set_ylim(-reach, reach)
+    dress(panel, heading("lag", unit), "autocorrelation")
 
 
 # ---- models beside each other -------------------------------------------------------------------
@@ -184,6 +197,7 @@ def plot_comparison(comparison: Comparison, ax: Any = None, *, width: float | No
         head(loop, f"{comparison.best.name}: {best.experiment}, {best.output}{part}")
         head(residual, _residual_title(best))
     shared_key(figure, panels[0], own=ax is None)
+    aligned(figure, panels.flat, own=ax is None)
     return figure
 
 

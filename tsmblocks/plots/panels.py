@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,16 @@ QUANTITY = {
     "A": "current",
 }
 """Label of an axis shared by several signals of a unit."""
-FEW, MANY = 20.0, 2000.0
-"""Ranges of a logarithmic axis: below, more ticks between powers of ten are needed; above, they would be too many."""
+MANY = 2000.0
+"""Range of a logarithmic axis above which ticks with names between powers of ten would be too many."""
+LEAST_NAMES = 3
+"""Ticks with names that an axis needs at least. Chosen: two do not show that it is logarithmic."""
+DIGITS = range(1, 10)
+"""First digits that a number can have."""
+FINE = 0.5
+"""Width of the lines of a grid between powers of ten, as a share of that of the others. Chosen."""
+SEVERAL_SIGNS = 3.6
+"""Width of the signs of a legend in which a label has several [font sizes]. Chosen: three fit in it."""
 LETTER, HANDLE = 0.075, 0.42
 """Widths of a letter and of a line with its space in a legend [in]. Measured at 8 pt."""
 LINE, PAD = 12.0, 7.0
@@ -72,6 +80,7 @@ def axes(ax: Any, count: int, *, height: float, width: float | None = None) -> l
     panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
     for panel in panels:
         fix_ticks(panel)
+    figure.align_ylabels(panels)
     return panels
 
 
@@ -127,6 +136,15 @@ def sheet(
     return figure, panels
 
 
+def aligned(figure: Any, panels: Iterable[Any], *, own: bool) -> None:
+    """Set the labels of y axes in one line, of panels that stand below each other in a figure of our own.
+
+    Panels without such a label are left out: names beside their bars would push the others' labels away.
+    """
+    if own:
+        figure.align_ylabels([panel for panel in panels if panel.get_ylabel()])
+
+
 # ---- names, legends, ticks ----------------------------------------------------------------------
 
 
@@ -157,17 +175,26 @@ def key(panel: Any, title: str = "", *, over: str = "") -> None:
 
 
 def shared_key(figure: Any, panels: Any, *, own: bool) -> None:
-    """One legend below all panels, each label once; on a figure of the caller one in each panel."""
-    named: dict[str, Any] = {}
+    """One legend below all panels, each label once; on a figure of the caller one in each panel.
+
+    A label of bars as well as of lines or dots has each of these signs.
+    """
+    from matplotlib.legend_handler import HandlerTuple
+
+    named: dict[str, dict[type, Any]] = {}
     for panel in panels:
         handles, labels = panel.get_legend_handles_labels()
         for handle, label in zip(handles, labels, strict=True):
-            named.setdefault(label, handle)
+            named.setdefault(label, {}).setdefault(type(handle), handle)
         if not own:
             key(panel)
     if own:
-        columns = columns_of(list(named), figure.get_figwidth() - 0.2)
-        figure.legend(named.values(), named.keys(), ncols=columns, loc="outside lower left")
+        signs = [tuple(kinds.values()) for kinds in named.values()]
+        several = {"handlelength": SEVERAL_SIGNS} if any(len(one) > 1 for one in signs) else {}
+        extra = LETTER * 2 * (SEVERAL_SIGNS - 1.6) if several else 0.0
+        columns = columns_of(list(named), figure.get_figwidth() - 0.2, HANDLE + extra)
+        spread = {tuple: HandlerTuple(ndivide=None, pad=0.3)}
+        figure.legend(signs, named, ncols=columns, loc="outside lower left", handler_map=spread, **several)
 
 
 def _share(panel: Any) -> float:
@@ -178,10 +205,13 @@ def _share(panel: Any) -> float:
     return float(ratios[place.colspan.start : place.colspan.stop].sum() / ratios.sum())
 
 
-def columns_of(labels: Sequence[str], room: float) -> int:
-    """Columns of a legend that is no wider than ``room`` [in]; matplotlib fills one column after the other."""
+def columns_of(labels: Sequence[str], room: float, sign: float = HANDLE) -> int:
+    """Columns of a legend that is no wider than ``room`` [in]; matplotlib fills one column after the other.
+
+    ``sign`` is the width of a line with its space [in].
+    """
     for columns in range(len(labels), 1, -1):
-        parts = np.array_split([LETTER * len(label) + HANDLE for label in labels], columns)
+        parts = np.array_split([LETTER * len(label) + sign for label in labels], columns)
         if sum(float(part.max()) for part in parts) <= room:
             return columns
     return 1
@@ -204,15 +234,45 @@ def folded(text: str, room: float) -> str:
 
 
 def decimal(axis: Any) -> None:
-    """Name ticks of a logarithmic axis 0.2, 0.5, 1 rather than by powers of ten, as far as there is room."""
-    from matplotlib.ticker import LogLocator
+    """Name ticks of a logarithmic axis 0.2, 0.5, 1 rather than by powers of ten, as far as there is room.
+
+    Names stand at 1, 2 and 5 of each decade, or at every digit where fewer than three of these are in sight; there is
+    a fine line of the grid at every digit.
+    """
+    from matplotlib import rcParams
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, StrMethodFormatter
 
     low, high = axis.get_view_interval()
-    if low > 0 and high / low < MANY:
-        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0) if high / low > FEW else (2.0, 3.0, 4.0, 5.0, 7.0)))
-        axis.set_minor_formatter("{x:g}")
+    if low <= 0 or high / low >= MANY:
+        return
+    if _in_sight(low, high, DIGITS) < LEAST_NAMES - 1:  # so short that it is as good as linear
+        axis.set_major_locator(MaxNLocator(5))
         axis.set_major_formatter("{x:g}")
-        axis.set_tick_params(which="minor", labelsize=axis.get_tick_params("major").get("labelsize"))
+        axis.set_minor_locator(NullLocator())
+        return
+    named = (1, 2, 5) if _in_sight(low, high, (1, 2, 5)) >= LEAST_NAMES else DIGITS
+    plain = StrMethodFormatter("{x:g}")
+    axis.set_minor_locator(LogLocator(subs=DIGITS[1:]))
+    axis.set_minor_formatter(FuncFormatter(lambda x, _: plain(x) if _digit(x) in named else ""))
+    axis.set_major_formatter(plain)
+    major, minor = (axis.get_tick_params(which) for which in ("major", "minor"))
+    prefix = f"{axis.axis_name}tick"
+    out = major.get("length", rcParams[f"{prefix}.major.size"]) + major.get("pad", rcParams[f"{prefix}.major.pad"])
+    pad = out - minor.get("length", rcParams[f"{prefix}.minor.size"])
+    axis.set_tick_params(which="minor", pad=pad, labelsize=major.get("labelsize"))
+    if is_own(axis.axes) and rcParams["axes.grid"]:
+        axis.grid(which="minor", color=rcParams["grid.color"], lw=FINE * rcParams["grid.linewidth"])
+
+
+def _digit(x: float) -> int:
+    """The first digit of a number that has one."""
+    return round(x / 10.0 ** math.floor(math.log10(x) + 1e-9))
+
+
+def _in_sight(low: float, high: float, digits: Iterable[int]) -> int:
+    """How many numbers of one of these digits, times a power of ten, lie from ``low`` to ``high``."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    return sum(low <= digit * 10.0**k <= high for k in decades for digit in digits)
 
 
 def phase_ticks(panel: Any) -> None:

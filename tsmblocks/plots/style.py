@@ -19,6 +19,8 @@ from tsmblocks.common.palette import LIGHT, NOISE_OPACITY, SERIES
 INK, RULE, MEASURED = LIGHT["ink"], LIGHT["rule"], LIGHT["measured"]
 BEFORE, MODEL, PALE, NOISE = LIGHT["before"], LIGHT["after"], LIGHT["between"], LIGHT["floor"]
 """Text and zero lines, grid, a measurement; a model before a change, the model, what is paler than it, the noise."""
+RESIDUAL = LIGHT["soft"]
+"""A residual of a fit. Figures have no small print, whose colour it is on pages."""
 WIDE, COLUMN = 7.0, 3.4
 """Widths of a figure [in]: both columns of a paper, the default, and one column."""
 NARROW = 5.0
@@ -29,7 +31,7 @@ STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": INK,
     "axes.grid": True,
-    "axes.labelpad": 2.0,
+    "axes.labelpad": 4.0,
     "axes.linewidth": 0.6,
     "axes.spines.right": False,
     "axes.spines.top": False,
@@ -157,3 +159,5 @@ def series() -> list[str]:
 
 NOISE_BAND: dict[str, Any] = {"color": NOISE, "alpha": NOISE_OPACITY, "lw": 0}
 """Arguments of the band of the noise."""
+WHITE_BAND: dict[str, Any] = {"color": RESIDUAL, "alpha": NOISE_OPACITY, "lw": 0}
+"""Arguments of the band in which the autocorrelation of a residual without structure lies."""
