@@ -54,5 +54,5 @@ if len(sys.argv) > 1:
     figure = found.plot()
     for panel, line in zip(figure.axes, (20 * np.log10(closed.magnitude), columns[0][1]), strict=False):
         panel.plot(f, line, "k--")
-    figure.suptitle("x_out over x_ref; dashed: python-control, without backlash", x=0.01, ha="left")
+    figure.suptitle("x_out / x_ref; dashed: python-control, without backlash", x=0.01, ha="left")
     figure.savefig(folder / "bode.png")

@@ -25,6 +25,12 @@ from tsmblocks.fitting.parameter_vector import Constraints, Unknowns
 ROUNDING = 1e-12
 """Rounding of simulated outputs relative to the measured signals. Chosen."""
 
+DIVERGED = 1e8
+"""Change of the outputs that derivatives predict, for an unknown that moves by its size, over the rms of the signals,
+from which they diverge. Chosen: unstable derivatives grow by powers of ten from step to step."""
+DIFFERENCE_SHARE = 1e-2
+"""Central differences in place of such derivatives, as a share of each unknown. Chosen."""
+
 
 @attrs.frozen(eq=False)
 class Priors:
@@ -95,8 +101,23 @@ class Problem:
         """Weighted residuals (samples,) and their derivatives (samples, unknowns).
 
         With ``steps`` (unknowns,), central differences over that far to each side: where the outputs jump (an encoder
-        in a loop) or bend (a stop), these lead downhill.
+        in a loop) or bend (a stop), these lead downhill. So they are where the derivatives diverge and the outputs do
+        not: dry friction of a narrow smoothing is bounded at any step, and its slope is not.
         """
+        residuals, J = self._derivatives(theta, steps)
+        if steps is not None or not self._diverges(J, theta):
+            return residuals, J
+        size = np.maximum(np.abs(theta), np.abs(self.unknowns.start))
+        return self._derivatives(theta, DIFFERENCE_SHARE * np.where(size > 0, size, 1.0))
+
+    def _diverges(self, J: Jacobian, theta: np.ndarray) -> bool:
+        """Whether derivatives would move the outputs far beyond the signals, for an unknown that moves by its size."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            moved = J.norms * np.abs(theta)
+        return not bool((moved <= DIVERGED * np.sqrt(self.samples) * max(self.size, 1e-300)).all())
+
+    def _derivatives(self, theta: np.ndarray, steps: np.ndarray | None) -> tuple[np.ndarray, Jacobian]:
+        """As ``jacobian``, by derivatives or differences as they are."""
         unknowns, residuals = self.unknowns, np.empty(self.samples)
         common = np.empty((self.samples, len(unknowns.common)))
         own = np.zeros((self.samples, max((len(columns) for columns in unknowns.own), default=0)))

@@ -20,9 +20,9 @@ def frequency_card(response: FrequencyResponse) -> str:
         for i, a in enumerate(response.amplitudes)
         for k, f in enumerate(response.frequencies)
     ]
-    head = (f"size of {response.driven}", "frequency [Hz]", "gain", "phase [deg]", "distortion [%]")
+    head = (f"amplitude of {response.driven}", "frequency [Hz]", "gain", "phase [deg]", "distortion [%]")
     return card(
-        f"{response.title}: {response.output} over {response.driven}",
+        f"{response.title}: {response.output} / {response.driven}",
         "",
         rows(head, cells, "Response at each amplitude and frequency", most=40),
     )
