@@ -19,8 +19,9 @@ from tests.mistakes.table import TABLE, said
 from tsmblocks.blocks import AsymmetricBoucWen, Bias, Gain
 from tsmblocks.common.errors import ParameterError, TsmError
 from tsmblocks.diagnosis.insertion_points import insertion_points
-from tsmblocks.effects import Effect, Scales, Span, Trials, catalogue, register, registered, span_of
+from tsmblocks.effects import Effect, Scales, Span, Trials, catalogue, register, registered, relatives, span_of
 from tsmblocks.effects.effect import PLACES
+from tsmblocks.effects.other_names import OTHER_NAMES
 from tsmblocks.files.shipped import shipped_names
 from tsmblocks.model.block import REGISTRY
 from tsmblocks.model.diagram import Diagram
@@ -146,6 +147,15 @@ def states(block):
     if isinstance(block, Diagram):
         return [f"{k}.{s}" for k, inner in block.blocks.items() for s in states(inner)]
     return list(block.states)
+
+
+def test_an_effect_is_found_by_what_people_call_it():
+    names = {one.name for one in catalogue()} | {one.name for one in relatives()}
+    assert set(OTHER_NAMES.values()) <= names
+    assert not names & set(OTHER_NAMES)
+    record = tsm.Record("run", np.arange(100.0), {"x_in": np.ones(100), "x_out": np.ones(100)}, {})
+    with pytest.raises(ParameterError, match="effects: 'Stick-slip' names no effect .* It is 'coulomb_friction' here"):
+        tsm.diagnose(tsm.load("tendon_sheath_linear"), record, effects=["Stick-slip"])
 
 
 def test_the_order_is_always_the_same():

@@ -37,11 +37,7 @@ def test_where_derivatives_diverge_and_the_outputs_do_not_differences_take_their
     t = 0.005 * np.arange(1500)
     push = 2.0 * np.sin(2 * np.pi * 0.4 * t) * (np.sin(2 * np.pi * 0.13 * t) > 0)  # rests in between
     mass = tsm.Diagram(
-        blocks={
-            "net": Sum(signs="+-"),
-            "speed": Integrator(),
-            "friction": CoulombFriction(level=0.8, smoothing=7e-4),
-        },
+        blocks={"net": Sum(signs="+-"), "speed": Integrator(), "friction": CoulombFriction(level=0.8, smoothing=7e-4)},
         wires=["net -> speed -> friction -> net.minus"],
         inputs={"u": "net.plus"},
         outputs={"v": "speed"},

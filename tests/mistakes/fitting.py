@@ -532,7 +532,7 @@ class Ordered(Block):
 
 @mistake(
     ParameterError,
-    "the fit ended where a block refuses its parameters: line: Ordered needs a < b, got a=3, b=1. Exclude them by a constraint.",
+    "the fit ended where a block refuses its parameters: line: Ordered needs a < b, got a=3, b=1. Exclude them by bounds or a constraint.",
 )
 def an_end_that_a_block_refuses():
     fit(uy(y=3 * U + 1), of(line=Ordered()), starts=1)

@@ -84,10 +84,14 @@ def map_argument(title: str, column: str = "COLUMN") -> str:
     return f"map={{'{title}': '{column}'}}, or --map '{title}={column}'"
 
 
-def how_to_map(name: str, *, bare: bool, known: Iterable[str] = ()) -> str:
-    """How a column is mapped: that of the nearest name, if any, else one with its unit where they are ``bare``."""
+def how_to_map(name: str, *, bare: bool, known: Iterable[str] = (), unit: str = "") -> str:
+    """How a column is mapped: that of the nearest name, if any, else one with a unit where they are ``bare``.
+
+    ``unit`` is that of the diagram, where it is known.
+    """
     close = nearest(name, known)
-    return map_argument(name, close) if close else map_argument(f"{name} [deg]" if bare else name)
+    shown = units.display_unit(unit)[1] or "deg"
+    return map_argument(name, close) if close else map_argument(f"{name} [{shown}]" if bare else name)
 
 
 def _bare(record: Record, wanted: Mapping[str, str]) -> dict[str, str]:

@@ -10,11 +10,12 @@ import attrs
 import numpy as np
 
 from tsmblocks.common import arguments
-from tsmblocks.common.errors import DataError, ParameterError, near
+from tsmblocks.common.errors import DataError, ParameterError, bare_name, near
 from tsmblocks.common.interpolation import Hold
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.model import ModelSettings
 from tsmblocks.effects import Effect, Relative, catalogue, relatives
+from tsmblocks.effects.other_names import OTHER_NAMES
 from tsmblocks.fitting.experiments import Window, compared, refuse_missing, signal_of, span
 from tsmblocks.fitting.noise import given_floors
 from tsmblocks.fitting.parameters import chosen, given_bounds
@@ -139,5 +140,7 @@ def _selected(patterns: tuple[str, ...] | None) -> tuple[Effect | Relative, ...]
     known = {e.name for e in every}
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in known):
-            raise ParameterError(f"effects: '{pattern}' names no effect of the catalogue.{near(pattern, known)}")
+            named = OTHER_NAMES.get(bare_name(pattern), "")
+            hint = f" It is '{named}' here." if named in known else near(pattern, known)
+            raise ParameterError(f"effects: '{pattern}' names no effect of the catalogue.{hint}")
     return tuple(e for e in every if any(fnmatchcase(e.name, pattern) for pattern in patterns))

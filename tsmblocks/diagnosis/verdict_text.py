@@ -187,9 +187,13 @@ def next_steps(segment: Segment) -> list[str]:
         *alone,
         *_others_to_try(segment),
         COMPARE_STRUCTURES,
-        "Record more of the motion along which the error is predicted, to show its shape.",
+        *([SHOW_SHAPE] if segment.where else []),
         "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
     ]
+
+
+SHOW_SHAPE = "Record more of the motion along which the error is predicted, to show its shape."
+"""The next step where a coordinate of the motion predicts the residual."""
 
 
 def _where_a_factor_varies(segment: Segment) -> list[str]:

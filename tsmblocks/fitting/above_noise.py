@@ -10,7 +10,7 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
-from tsmblocks.data.noise_floor import method_text, noise_of_recordings
+from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, method_text, noise_of_recordings
 from tsmblocks.fitting.residual_cause import cause_text, spike_text, starts_wrong
 from tsmblocks.fitting.score import Difference, Differences
 
@@ -76,5 +76,5 @@ def _far(fit: Fit, own: Sequence[Difference]) -> list[str]:
     size = f"{k * noise:.3g} {unit}".rstrip()
     return [
         f"The residual of {own[0].output} is {factor_text(_rms(own) / noise)} times the noise ({size} rms, "
-        f"{method_text(method)}): {cause_text(fit, own)}"
+        f"{method_text(method)}): {cause_text(fit, own, only_fast=method == HIGH_FREQUENCIES)}"
     ]

@@ -271,7 +271,7 @@ def refuse_missing(record: Record, diagram: Diagram) -> None:
     """Raise DataError for an input of the diagram that was not recorded."""
     missing = [k for k in diagram.inports if k not in record]
     if missing:
-        way = how_to_map(missing[0], bare=not record.units, known=record.names)
+        way = how_to_map(missing[0], bare=not record.units, known=record.names, unit=diagram.unit(missing[0]))
         raise DataError(
             f"{record.called}: '{diagram.title}' needs its input '{missing[0]}', and the "
             f"recording has no such signal.{near(missing[0], record.names)} "
@@ -337,7 +337,9 @@ def compared(records: Mapping[str, Record], diagram: Diagram, given: Sequence[st
         some = next(iter(bare or records.values()))
         known = [k for k in some.names if k not in diagram.inputs]
         name = next((k for k in diagram.outputs if nearest(k, known)), next(iter(diagram.outputs), "x_out"))
-        way = how_to_map(name, bare=not some.units, known=known)
+        way = how_to_map(
+            name, bare=not some.units, known=known, unit=diagram.unit(name) if name in diagram.outputs else ""
+        )
         raise DataError(
             f"{some.called}: none of the outputs of '{diagram.title}' "
             f"({', '.join(diagram.outputs) or 'it has none'}) was measured; the recording has {', '.join(some.names)}. "

@@ -40,8 +40,11 @@ NAMED = 3
 """Fixed parameters that are named."""
 
 
-def cause_text(fit: Fit, own: Sequence[Difference]) -> str:
-    """What the residual of an output, ``own`` by experiment, may come from, as the end of a sentence."""
+def cause_text(fit: Fit, own: Sequence[Difference], *, only_fast: bool) -> str:
+    """What the residual of an output, ``own`` by experiment, may come from, as the end of a sentence.
+
+    ``only_fast``: the noise that is known is that from sample to sample, and slow noise may be larger.
+    """
     if starts_wrong(fit, own):
         return (
             "it is largest at the start and decays, so the initial states may be wrong: "
@@ -50,8 +53,9 @@ def cause_text(fit: Fit, own: Sequence[Difference]) -> str:
     held = "a bound or constraint prevents a better fit, or " if fit.active else ""
     if names := fit.fixed_in_doubt.get(own[0].output):
         held += f"{listed(names, NAMED)}, kept fixed, may be wrong (free=, --free), or "
+    slow = " or the noise is slow" if only_fast else ""
     return (
-        f"{held}the model lacks an effect, and the intervals do not cover it. "
+        f"{held}the model lacks an effect{slow}, and the intervals do not cover it. "
         "A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
     )
 

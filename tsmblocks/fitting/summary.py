@@ -247,7 +247,7 @@ def _fitted(diagram: Diagram, problem: Problem, theta: np.ndarray, e: int) -> Di
         return diagram.with_parameters(settings)
     except ParameterError as error:
         raise ParameterError(
-            f"the fit ended where a block refuses its parameters: {error} Exclude them by a constraint."
+            f"the fit ended where a block refuses its parameters: {error} Exclude them by bounds or a constraint."
         ) from None
 
 
