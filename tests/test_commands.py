@@ -88,6 +88,21 @@ def test_a_fit_finds_a_hold_behind_a_dead_time(u):
     assert told(found, "the outputs agree with u held between samples")
 
 
+@pytest.mark.parametrize("hold", ["zero", "cubic"])
+def test_an_input_that_is_held_in_one_recording_is_so_in_others_where_the_outputs_agree(u, hold):
+    """A staircase shows that the command is held; whether it is in a smooth motion as well, the outputs tell."""
+    stairs = np.repeat(np.random.default_rng(3).uniform(-1, 1, 40), 30)
+    told_of = {"stairs": (stairs, "zero"), "smooth": (u, hold)}
+    records = {
+        name: recorded(np.r_[one[:1], one[:1], one[:-2]], hold=of, told=one, sigma=0.02)  # two samples late
+        for name, (one, of) in told_of.items()
+    }
+    found = diagnosed(records)
+    assert [e.name for e in found.effects] == ["dead_time"]
+    assert found.augmented.parameters["dead_time.time"] == pytest.approx(2 * STEP, abs=0.002)
+    assert bool(told(found, "u is held between samples (hold='zero')")) == (hold == "zero")
+
+
 @pytest.mark.parametrize("delay", [0.004, 0.016, 0.05])
 def test_a_dead_time_of_another_length_is_no_hold(u, delay):
     late = tsm.loads(PLANT).insert("late", tsm.blocks.DeadTime(time=delay), before="lag.u")

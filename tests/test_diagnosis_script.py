@@ -10,7 +10,7 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.blocks import Bias, FirstOrderLag, Gain
 from tsmblocks.diagnosis import script
-from tsmblocks.diagnosis.cautions import INCOMPLETE, do_not_carry_over
+from tsmblocks.diagnosis.cautions import INCOMPLETE, MAYBE, do_not_carry_over, taken_over
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
 from tsmblocks.diagnosis.model_difference import in_code
 from tsmblocks.diagnosis.presentation import fitted_rms, output_traces
@@ -279,6 +279,40 @@ def test_effects_that_do_not_carry_over_are_told_with_the_result(found):
     worse = attrs.evolve(segment, effects=(attrs.evolve(backlash, across=-0.3),))
     text = str(attrs.evolve(found, segments=(worse,)))
     assert "- backlash makes the error of experiments that are held out whole larger:" in text
+
+
+def test_an_effect_that_takes_the_place_of_a_block_of_the_model_is_told():
+    """A dead zone behind a lag is found in front of it, and then the lag in front of the dead zone."""
+    lag = tsm.Diagram(
+        blocks={"slow": FirstOrderLag(time_constant=0.3), "first_order_lag": FirstOrderLag(time_constant=0.3)},
+        wires=["first_order_lag -> slow"],
+        inputs={"u": tsm.Inlet("first_order_lag.u", "V")},
+        outputs={"y": "slow"},
+    )
+    t = 0.01 * np.arange(400)
+    y = tsm.simulate(
+        lag.with_parameters({"slow.time_constant": 1e-4, "first_order_lag.time_constant": 0.4}),
+        inputs={"u": (t, np.sin(3 * t))},
+        stop=t[-1],
+        step=1e-4,
+    )["y"][::100]
+    record = tsm.Record("run", t, {"u": np.sin(3 * t), "y": y}, {"u": "V"})
+    fit = tsm.fit(lag, record, free=["slow.time_constant", "first_order_lag.time_constant"], starts=1, step=1e-3)
+    small = fit if fit["slow.time_constant"].value < 0.01 else None
+    names = ("slow", "first_order_lag") if small else ("first_order_lag", "slow")
+    (said,) = taken_over(fit, [names[1]])
+    assert said.startswith(f"{names[0]}.time_constant went to zero beside {names[1]}, which takes its place:")
+    assert taken_over(fit, [names[0]]) == []
+
+
+@pytest.mark.parametrize(
+    ("verdict", "floor", "told"), [("none", 1.0, True), ("none", 3.0, False), ("named", 1.0, False)]
+)
+def test_that_a_model_error_and_slow_noise_are_indistinguishable_is_a_caution(found, verdict, floor, told):
+    (segment,) = found.segments
+    (gap,) = segment.gaps
+    one = attrs.evolve(segment, verdict=verdict, gaps=(attrs.evolve(gap, noise_floor=gap.held_out[0] / (2.0 / floor)),))
+    assert (MAYBE in one.cautions) is told
 
 
 # ---- of several parts

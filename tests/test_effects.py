@@ -153,8 +153,8 @@ def test_an_effect_is_found_by_what_people_call_it():
     names = {one.name for one in catalogue()} | {one.name for one in relatives()}
     assert set(OTHER_NAMES.values()) <= names
     assert not names & set(OTHER_NAMES)
-    record = tsm.Record("run", np.arange(100.0), {"x_in": np.ones(100), "x_out": np.ones(100)}, {})
-    with pytest.raises(ParameterError, match="effects: 'Stick-slip' names no effect .* It is 'coulomb_friction' here"):
+    record = tsm.Record("run", np.arange(300.0), {"x_in": np.ones(300), "x_out": np.ones(300)}, {})
+    with pytest.raises(ParameterError, match=r"effects: 'Stick-slip' names no effect .* It is 'coulomb_friction' here"):
         tsm.diagnose(tsm.load("tendon_sheath_linear"), record, effects=["Stick-slip"])
 
 

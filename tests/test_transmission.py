@@ -6,6 +6,8 @@ from scipy.integrate import solve_ivp
 
 import tsmblocks as tsm
 from tsmblocks.blocks import SecondOrderLag
+from tsmblocks.effects import Scales, Span
+from tsmblocks.effects.transmission import _gap_trials
 
 SLOW_NEEDS = ["diagnosis", "diagrams/flexible_joint.toml", "diagrams/belt_drive.toml"]
 STEP = 2e-3
@@ -32,6 +34,17 @@ def joint_with_a_gap(k, gap=0.012):
     noise = np.random.default_rng(k).normal(0.0, NOISE, (2, len(T)))
     signals = {"torque": torque(T, k), "theta": done.y[0] + noise[0], "q": done.y[2] + noise[1]}
     return tsm.Record(f"run{k}", T, signals, {"torque": "N*m", "theta": "rad", "q": "rad"})
+
+
+def test_a_gap_is_tried_where_nothing_is_transmitted():
+    """The middle of a deflection that gravity biases is no place of a gap: from there its fit ends beside it."""
+
+    def tried(low, high):
+        wire = Span(low, high, 1.0, 1.0, 1.0)
+        return {one["centre"] for one in _gap_trials(Scales(wire, wire, 0.0, 1.0, 0.01, 1.0)).shapes}
+
+    assert tried(-0.25, 0.75) == {0.0, 0.25}
+    assert tried(0.25, 0.75) == {0.5}  # a preload
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import attrs
 import numpy as np
@@ -13,12 +13,21 @@ from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
 from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.text import estimate_cautions, tangled
+from tsmblocks.model.block import Block
 
 MAX_STATE_CAUTIONS = 2
 """Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
 
 INCOMPLETE = "The model leaves more than noise, so the intervals of its parameters do not cover their error."
 """The caution on the parameters of a model that lacks something."""
+MAYBE = "A part of the residual may be a model error, and the intervals of the parameters cover noise alone."
+"""The caution where no effect is found, and slow noise and a model error are indistinguishable."""
+FAR_ABOVE = 1.5
+"""Residual over the noise floor from which this is said. Chosen: more than the error of a noise floor."""
+TIMES = {"time_constant", "time"}
+"""Parameters of lags and delays, which add up where they follow one another."""
+MIN_SHARE_KEPT = 0.02
+"""Share of the time of an effect below which that of a block of the model went to zero. Chosen."""
 MIN_LOSS_ACROSS = 0.05
 """Share of the error above the noise floor by which an effect makes it larger on experiments held out, from which it
 is reported. Chosen: below it the estimates of the other parameters may be the cause."""
@@ -39,15 +48,37 @@ def do_not_carry_over(across: Mapping[str, float | None]) -> list[str]:
     ]
 
 
+def taken_over(fit: Fit, effects: Collection[str]) -> list[str]:
+    """A caution where an effect does what a block of the model did, whose own parameter went to zero.
+
+    ``effects`` are the names of the blocks that were added. A dead zone behind a lag is found in front of it, and then
+    the lag in front of the dead zone.
+    """
+    blocks, known = fit.diagram.blocks, {e.name: e for e in fit}
+    said = []
+    for added in (name for name in effects if isinstance(blocks.get(name), Block)):
+        for one in (name for name in blocks if name not in effects and isinstance(blocks[name], Block)):
+            for parameter in blocks[added].parameters.keys() & blocks[one].parameters.keys() & TIMES:
+                own, new = known.get(f"{one}.{parameter}"), known.get(f"{added}.{parameter}")
+                if own is not None and new is not None and abs(own.value) < MIN_SHARE_KEPT * abs(new.value):
+                    said.append(
+                        f"{own.name} went to zero beside {added}, which takes its place: the model may lack no further "
+                        f"{parameter.replace('_', ' ')}, but have {one} at another place."
+                    )
+    return said
+
+
 def cautions(fit: Fit, across: Mapping[str, float | None], complete: bool = True) -> list[str]:
     """Cautions on effects and estimates, a sentence each; many on initial states as one sentence.
 
-    ``across`` is that of ``do_not_carry_over``; ``complete`` is False where the model leaves more than noise.
+    ``across`` is that of ``do_not_carry_over``, for each block that was added; ``complete`` is False where the model
+    leaves more than noise.
     """
     every, others = estimate_cautions(fit), _without_states(fit)
     few = len(every) - len(others) <= MAX_STATE_CAUTIONS
     estimates = every if few else [*others, *_on_states(fit)]
-    return [*do_not_carry_over(across), *([] if complete else [INCOMPLETE]), *estimates, *beyond_range(fit)]
+    first = [*taken_over(fit, across), *do_not_carry_over(across), *([] if complete else [INCOMPLETE])]
+    return [*first, *estimates, *beyond_range(fit)]
 
 
 def _states(fit: Fit) -> set[str]:

@@ -79,20 +79,23 @@ def found_commands(
     filtered: Collection[str],
     may_be_held: Collection[str],
     distance: float = MAX_DISTANCE,
+    likely: Collection[str] = (),
 ) -> Commands:
     """The inputs of a model that its outputs show to be commands, of the alternatives the one with the least residual.
 
     ``raw`` are the recordings (or their pieces) before filtering, ``filtered`` the inputs whose noise was filtered out,
-    and ``may_be_held`` those whose hold was not given. The share of an alternative is within ``distance`` of 1.
+    and ``may_be_held`` those whose hold was not given. The share of an alternative is within ``distance`` of 1;
+    for inputs that are ``likely`` to be held, since they are in some recordings, within ``ROUGH_DISTANCE``.
     """
     found = Commands()
     for name in model.diagram.inputs:
         right = list[tuple[float, Commands]]()
         if name in may_be_held:
             model = _resolving_holds(model, name)
+        near = max(distance, ROUGH_DISTANCE) if name in likely else distance
         for commands in _alternatives(name, filtered, may_be_held):
             one = _beside(model, _residuals(model, raw, name, commands))
-            right += [(one.rest, commands)] if one is not None and one.is_near(distance) else []
+            right += [(one.rest, commands)] if one is not None and one.is_near(near) else []
         if right:
             found = found.joined(min(right, key=lambda pair: pair[0])[1])
     return found

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 import attrs
-import numpy as np
 
 from tsmblocks.common.interpolation import AUTO, Hold, hold_of_each, is_held
 from tsmblocks.common.tables import few
@@ -96,19 +95,8 @@ class Prepared:
         if self.settled:
             return NO_COMMANDS
         given = self.request.diagram.inports.keys()  # of the whole: those that join two parts were measured
-        return found_commands(model, self.raw, given & {*self.filtered}, self._may_be_held, distance)
-
-    @property
-    def held_in_some(self) -> Commands:
-        """The inputs that are piecewise constant in some recordings and move in others: one converter holds all."""
-        some = _held_inputs(self.part, self.request.records).items()
-        moving = {k for k, names in some if any(k in r and np.ptp(r[k]) > 0 for r in self._others(names))}
-        rates = equations(self.part.diagram).orders
-        return Commands(held=tuple(k for k in moving & self._may_be_held if not rates.get(k, 0)))
-
-    def _others(self, names: Collection[str]) -> list[Record]:
-        """The recordings but those of these names."""
-        return [one for name, one in self.request.records.items() if name not in names]
+        likely = _held_inputs(self.part, self.request.records).keys()
+        return found_commands(model, self.raw, given & {*self.filtered}, self._may_be_held, distance, likely)
 
     @property
     def error(self) -> float:
@@ -125,9 +113,6 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
         most = MAX_ERROR_SHARE if more.held else 1.0
         if other.error < most * found.error and confirmed(other.base, found.base.setup):
             return other
-    if some := found.held_in_some:
-        other = prepared(part, request, progress, commands.joined(some))
-        return other if other.error < found.error else found
     return found
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.cautions import cautions
+from tsmblocks.diagnosis.cautions import FAR_ABOVE, MAYBE, cautions
 from tsmblocks.diagnosis.settings import FloorParts, Simulated
 from tsmblocks.fitting.result import Fit
 from tsmblocks.model.diagram import Diagram
@@ -225,4 +225,5 @@ class Segment:
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the effects and on the parameters of the last model, the latter as a fit of it would give."""
         across = {e.block: e.across for e in self.effects}
-        return () if self.fit is None else tuple(cautions(self.fit, across, self.complete))
+        far = self.verdict == "none" and any(g.held_out[0] > FAR_ABOVE * g.noise_floor > 0 for g in self.gaps)
+        return () if self.fit is None else (*[MAYBE] * far, *cautions(self.fit, across, complete=self.complete))
