@@ -185,7 +185,10 @@ def noise_over_recordings(records: Mapping[str, Record], name: str, unit: str, i
     typical = attrs.evolve(typical, floor=median, low=min(typical.low, median))
     samples = sum(len(measured(r, name)[0]) for r in records.values())
     start = Noise(name, unit, 0.0, float(np.median(quanta)) or None, HIGH_FREQUENCIES, samples, 0)
-    return _taken(found, typical, start)
+    first = next(iter(records.values()))
+    recorded_in = first.unit(name)
+    shown = (1 / first.factor(name, unit), recorded_in) if recorded_in else (1.0, unit)
+    return _taken(found, typical, start, shown)
 
 
 def noise_of_recordings(
@@ -201,11 +204,15 @@ def method_text(method: str) -> str:
     return f"from {method}: {CONTENT[method]}" if method in CONTENT else method
 
 
-def _taken(found: list[Found], fast: Level, start: Noise) -> Noise:
-    """The noise by the first method of ``TRUST`` that is free of doubt; otherwise the fast noise."""
+def _taken(found: list[Found], fast: Level, start: Noise, shown: tuple[float, str] | None = None) -> Noise:
+    """The noise by the first method of ``TRUST`` that is free of doubt; otherwise the fast noise.
+
+    ``shown`` are a factor and the unit of sizes in words, by default those of the noise.
+    """
+    factor, unit = shown or (1.0, start.unit)
     sound = {m: own for m in TRUST if (own := [f for f in found if f.method == m and not f.doubt])}
     levels = {m: _level(own, fast.floor) for m, own in sound.items()}
-    refused = _refused(found, start.unit)
+    refused = _refused(found, factor, unit)
     rounding = (start.quantum or 0.0) / np.sqrt(12.0)  # a constant reading has rounding errors all the same
     if not levels:
         floor, said = max(fast.floor, rounding), "; ".join(refused)
@@ -217,7 +224,7 @@ def _taken(found: list[Found], fast: Level, start: Noise) -> Noise:
     best = levels[method]
     words = [text for text in refused if TRUST.index(text.split(":")[0]) < TRUST.index(method)]
     for m, k in larger.items():
-        more, less = (with_unit(levels[one].floor, start.unit) for one in (m, k))
+        more, less = (with_unit(factor * levels[one].floor, unit) for one in (m, k))
         words.append(f"{m}: {more} rms, more than the {less} from {k}")
     high = max([best.high, *(levels[m].high for m in larger)])
     if best.floor < rounding:  # noise that is less than a step of the reading does not show while it stands still
@@ -237,14 +244,14 @@ def _taken(found: list[Found], fast: Level, start: Noise) -> Noise:
     )
 
 
-def _refused(found: Sequence[Found], unit: str) -> list[str]:
-    """Each reason why a method found no noise, with the largest of what it found for that reason."""
+def _refused(found: Sequence[Found], factor: float, unit: str) -> list[str]:
+    """Each reason why a method found no noise, with the largest of what it found for that reason [unit]."""
     largest: dict[str, float] = {}
     for one in found:
         if one.doubt:
             reason = f"{one.method}: {one.doubt}"
             largest[reason] = max(largest.get(reason, 0.0), float(np.sqrt(mean_square(one.stretches))))
-    return [f"{reason} ({with_unit(size, unit)} rms)" for reason, size in largest.items()]
+    return [f"{reason} ({with_unit(factor * size, unit)} rms)" for reason, size in largest.items()]
 
 
 def _level(found: Sequence[Found], fast: float) -> Level:

@@ -23,7 +23,7 @@ INCOMPLETE = "The model leaves more than noise, so the intervals of its paramete
 MAYBE = "A part of the residual may be a model error, and the intervals of the parameters cover noise alone."
 """The caution where no effect is found, and slow noise and a model error are indistinguishable."""
 FAR_ABOVE = 1.5
-"""Residual over the noise floor from which this is said. Chosen: more than the error of a noise floor."""
+"""Residual over the noise floor from which it is given. Chosen: more than the error of a noise floor."""
 TIMES = {"time_constant", "time"}
 """Parameters of lags and delays, which add up where they follow one another."""
 MIN_SHARE_KEPT = 0.02

@@ -90,7 +90,10 @@ class NoiseFloors:
     @property
     def notes(self) -> list[str]:
         """Doubts about the noise floors."""
-        return [f"the noise floor of {name}, from {self.method[name]}: {text}." for name, text in self.doubt.items()]
+        return [
+            f"the noise floor of {name} is taken from {self.method[name]}. A better estimate failed: {text}."
+            for name, text in self.doubt.items()
+        ]
 
     def largest_ratio(self, output: str) -> float:
         """The largest noise of an output that is plausible, over its floor."""
