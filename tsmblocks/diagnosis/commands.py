@@ -16,6 +16,7 @@ from tsmblocks.data import Record
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model, optimized
 from tsmblocks.fitting.held_inputs import (
+    CLEAR,
     MAX_DISTANCE,
     Alternative,
     alternative,
@@ -28,7 +29,9 @@ from tsmblocks.fitting.setup import Setup
 ROUGH_DISTANCE = 0.7
 """Distance from 1 of the share of an alternative up to which a base is fitted with it, to see whether it is right: the
 share is of first order, and the base may be far from its best parameters. Chosen."""
-
+LIKELY_CLEAR = 1.5
+"""Share of the hold of an input that is held in some recordings, in its standard deviations, from which it is clear of
+0. Chosen: one converter holds an input in all of them."""
 MAX_RISE = 0.05
 """Relative rise of the mean square up to which a hold explains as much as a named delay. Chosen: a delay that is no
 hold leaves several times as much, and the effect has one parameter more."""
@@ -85,17 +88,17 @@ def found_commands(
 
     ``raw`` are the recordings (or their pieces) before filtering, ``filtered`` the inputs whose noise was filtered out,
     and ``may_be_held`` those whose hold was not given. The share of an alternative is within ``distance`` of 1;
-    for inputs that are ``likely`` to be held, since they are in some recordings, within ``ROUGH_DISTANCE``.
+    for inputs that are ``likely`` to be held, since they are in some recordings, less evidence is enough.
     """
     found = Commands()
     for name in model.diagram.inputs:
         right = list[tuple[float, Commands]]()
         if name in may_be_held:
             model = _resolving_holds(model, name)
-        near = max(distance, ROUGH_DISTANCE) if name in likely else distance
+        near, clear = (max(distance, ROUGH_DISTANCE), LIKELY_CLEAR) if name in likely else (distance, CLEAR)
         for commands in _alternatives(name, filtered, may_be_held):
             one = _beside(model, _residuals(model, raw, name, commands))
-            right += [(one.rest, commands)] if one is not None and one.is_near(near) else []
+            right += [(one.rest, commands)] if one is not None and one.is_near(near, clear) else []
         if right:
             found = found.joined(min(right, key=lambda pair: pair[0])[1])
     return found

@@ -68,12 +68,12 @@ class Alternative:
     errors: tuple[float, ...]
     rest: float
 
-    def is_near(self, distance: float) -> bool:
-        """Whether an output shows a share near 1, clear of 0, and no other clearly less.
+    def is_near(self, distance: float, clear: float = CLEAR) -> bool:
+        """Whether an output shows a share near 1, clear of 0 by ``clear`` errors, and no other clearly less.
 
         More than 1 is what a further lag or dead time of one output makes of it.
         """
-        shown = self._where(lambda share, error: abs(share) > CLEAR * error)
+        shown = self._where(lambda share, error: abs(share) > clear * error)
         return any(abs(share - 1) <= distance for share in shown) and min(shown) >= 1 - distance
 
     def is_refuted(self, distance: float) -> bool:
