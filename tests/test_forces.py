@@ -9,7 +9,7 @@ import pytest
 import tsmblocks as tsm
 from tests.diagnoses import BACKLASH
 from tests.test_report import NAMED, diagnosis
-from tsmblocks.blocks import CoulombFriction, Gain, Integrator, Sum
+from tsmblocks.blocks import Bias, CoulombFriction, Gain, Integrator, Sum
 from tsmblocks.diagnosis.presentation import main_sizes
 from tsmblocks.diagnosis.quantities import as_force
 from tsmblocks.diagnosis.segment import Quantity
@@ -30,11 +30,18 @@ def cart(gain=0.001):
     )
 
 
+def with_friction():
+    """The cart with an effect that was added before, on the same wire."""
+    once = cart().insert("coulomb_friction", Bias(), before="sum.plus")
+    return once.insert("coulomb_friction_2", Bias(), before="sum.plus")
+
+
 @pytest.mark.parametrize(
     ("size", "signal", "diagram", "words"),
     [
         (FORCE, "inertia.y", cart(), "795.9 ± 1.3 N at the input of inertia"),
         (FORCE, "inertia.y", cart(-0.001), "795.9 ± 1.3 N at the input of inertia"),
+        (FORCE, "coulomb_friction_2.y", with_friction(), "795.9 ± 1.3 N at the input of inertia"),
         (SIZE, "sum.y", cart(), "an acceleration: times the mass, a force"),
         (SIZE, "inertia.y", cart(0.0), "an acceleration: times the mass, a force"),
         (SIZE, "speed.y", cart(), ""),  # an acceleration at which a speed is limited

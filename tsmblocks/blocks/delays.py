@@ -94,8 +94,9 @@ class DeadTime(Block):
 
     It is interpolated by the cubic through four instants, of which the present is one where T is less than a step; so
     at T = 0 the signal passes bit for bit, and the derivative of the output by T is exact there too. Unlike Delay it
-    has direct feedthrough, breaks no algebraic loop, and spreads the jumps of sampled signals over a step. Before the
-    start, ``start="first"`` holds the first value of the input and ``start="value"`` the number ``initial``.
+    has direct feedthrough, breaks no algebraic loop, and spreads the jumps of sampled signals over the step that ends
+    there: beside a held input a fitted delay is half a step too long. Before the start, ``start="first"`` holds the
+    first value of the input and ``start="value"`` the number ``initial``.
     """
 
     source = "definition"

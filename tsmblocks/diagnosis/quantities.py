@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
@@ -12,10 +13,12 @@ from tsmblocks.blocks import Gain
 from tsmblocks.common.units import display_unit, displayed_in, is_unit, parse, times
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
+from tsmblocks.diagnosis.insertion_points import source_of
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.segment import DetectionLimit, Quantity
+from tsmblocks.effects import catalogue
 from tsmblocks.effects.effect import sizes_of
 from tsmblocks.fitting.recordings import as_recorded
 from tsmblocks.fitting.setup import Setup
@@ -27,6 +30,8 @@ LEVEL = 0.95
 DIFFERENCE = 1e-3
 """Step of the derivatives of sizes [standard errors]. Chosen: sizes are smooth over it, and rounding is not seen."""
 
+NUMBERED = re.compile(r"_\d+$")
+"""The number of a block that has the name of an effect: the second of one effect has it."""
 OF_ACCELERATIONS = (("m", "mass", "force"), ("rad", "inertia", "torque"))
 FORCES = {parse(f"{unit}/s^2").dimension: (by, force) for unit, by, force in OF_ACCELERATIONS}
 """By what an acceleration is multiplied for a force, and what force that is."""
@@ -254,10 +259,21 @@ def _is_acceleration(size: Quantity, signal: str, diagram: Diagram) -> bool:
 
 def _gain_of_force(size: Quantity, signal: str, diagram: Diagram) -> str:
     """The parameter by which a force becomes the acceleration that a size is; empty where there is none."""
-    name = signal.rpartition(".")[0]
+    name = _without_effects(signal, diagram).rpartition(".")[0]
     gain, unit = diagram.blocks.get(name), unit_of_signal(diagram, f"{name}.u")
     behind = isinstance(gain, Gain) and gain.gain and is_unit(unit) and parse(unit).dimension not in FORCES
     return f"{name}.gain" if behind and _is_acceleration(size, signal, diagram) else ""
+
+
+def _without_effects(signal: str, diagram: Diagram) -> str:
+    """The signal in front of the effects that were added to a wire before, on which all of them act."""
+    effects = {one.name for one in catalogue()}
+    for _ in range(len(diagram.blocks)):
+        name = signal.rpartition(".")[0]
+        if name not in diagram.blocks or NUMBERED.sub("", name) not in effects:
+            break
+        signal = source_of(diagram, f"{name}.u")
+    return signal
 
 
 def _divided(size: Quantity, by: float) -> Quantity:
