@@ -21,6 +21,7 @@ from tsmblocks.diagnosis import candidate_tables, verdict_text
 from tsmblocks.diagnosis import presentation as showing
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference, in_code
+from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.rejection import NOT_ACCEPTED
 from tsmblocks.diagnosis.segment import Quantity
 from tsmblocks.html import charts, figures
@@ -183,8 +184,8 @@ def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
     said = attrs.evolve(UNKNOWN, irregular=True, predictable=(0.0, 0.0))
     sentence = "The residual is irregular: no recorded signal predicts it, and it is too large for noise."
     assert sentence in verdict_text.verdict_sentence(said)
-    assert verdict_text.next_steps(said)[0].startswith("Record the same motion twice")
-    assert verdict_text.next_steps(NAMED) == []
+    assert next_steps(said)[0].startswith("Record the same motion twice")
+    assert next_steps(NAMED) == []
 
 
 def test_a_factor_that_varies_has_two_readings_and_its_residual_is_compared_with_the_noise():
@@ -192,14 +193,14 @@ def test_a_factor_that_varies_has_two_readings_and_its_residual_is_compared_with
     small = attrs.evolve(gap, held_out=(0.52 * DEG, 1.03 * NOISE))
     where = "the acceleration of x_out (output), by a factor that varies within about 3.8 s"
     said = attrs.evolve(NAMED, complete=False, irregular=True, varies_with=where, gaps=(small,))
-    first, *others = verdict_text.next_steps(said)
+    first, *others = next_steps(said)
     assert first == (
         "The residual of x_out (1.03 times the noise floor) has a part in proportion to the acceleration of x_out "
         "(output), by a factor that varies within about 3.8 s. Either a parameter varies over that time, or the model "
         "lacks a nonlinearity or has one of another form."
     )
     assert [step.split(" ")[0] for step in others] == ["Record", "Compare"]
-    assert verdict_text.next_steps(attrs.evolve(said, filtered=("x_in",))) == [
+    assert next_steps(attrs.evolve(said, filtered=("x_in",))) == [
         first,
         *others,
         "Filtering of x_in may leave a residual of that size as well: compare with --no-condition, in Python "
@@ -212,18 +213,18 @@ def test_a_factor_that_varies_has_two_readings_and_its_residual_is_compared_with
 def test_an_experiment_whose_error_is_far_from_all_others_is_looked_at_alone():
     (gap,) = NONE.gaps
     some = {"a": (0.1,), "b": (0.12,), "c": (0.33,)}
-    (step,) = verdict_text.next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=some),)))
+    (step,) = next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=some),)))
     assert step.startswith("Examine c separately: its error of x_out is 3.0 times that of the other experiments, so")
     large = attrs.evolve(gap, experiments=some, noise_floor=0.02)
-    (step,) = verdict_text.next_steps(attrs.evolve(NONE, gaps=(large,)))[:1]
+    (step,) = next_steps(attrs.evolve(NONE, gaps=(large,)))[:1]
     assert "so it excites most of what is missing, or it differs (a parameter, a load, a sensor)." in step
     both = (large, attrs.evolve(large, output="force"))
-    (step,) = verdict_text.next_steps(attrs.evolve(NONE, gaps=both))[:1]
+    (step,) = next_steps(attrs.evolve(NONE, gaps=both))[:1]
     assert step.startswith(
         "Examine c separately: its errors of x_out and force are 3.0 and 3.0 times those of the other "
     )
     for calm in ({"a": (0.1,), "c": (0.33,)}, {**some, "c": (0.17,)}, {**some, "b": (0.3,)}):
-        assert verdict_text.next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=calm),))) == []
+        assert next_steps(attrs.evolve(NONE, gaps=(attrs.evolve(gap, experiments=calm),))) == []
 
 
 def test_several_segments_are_told_apart_with_those_that_miss_something_first():
@@ -584,10 +585,10 @@ def test_how_many_effects_were_tried_is_said_and_the_others_are_a_next_step():
     assert "Also possible: none (no other effect was tried)." in verdict_text.verdict_sentence(one)
     assert diagnosis(NAMED).to_dict()["effects_tried"] == 4
     count = len({e.name for e in catalogue()} - {m.name for m in LIMITS} - {"dead_time"})
-    assert f"Try the other {count} effects of the catalogue as well" in verdict_text.next_steps(UNKNOWN)[0]
+    assert f"Try the other {count} effects of the catalogue as well" in next_steps(UNKNOWN)[0]
     every = tuple(attrs.evolve(LIMITS[0], name=e.name) for e in catalogue())
-    assert not any("Try the other" in step for step in verdict_text.next_steps(attrs.evolve(UNKNOWN, limits=every)))
-    assert verdict_text.next_steps(attrs.evolve(UNKNOWN, limits=every))
+    assert not any("Try the other" in step for step in next_steps(attrs.evolve(UNKNOWN, limits=every)))
+    assert next_steps(attrs.evolve(UNKNOWN, limits=every))
 
 
 def test_what_was_added_is_highlighted_in_the_second_diagram():

@@ -12,17 +12,11 @@ from tsmblocks.diagnosis.detectable_sizes import limits_texts
 from tsmblocks.diagnosis.lines import bullets, cut, filled, of_segment
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
+from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.presentation import digits, display_unit, fitted_rms, output_traces, size_text, with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, Segment
-from tsmblocks.diagnosis.verdict_text import (
-    alternatives,
-    next_steps,
-    percent,
-    segments_by_verdict,
-    verdict_sentence,
-    verdict_word,
-)
+from tsmblocks.diagnosis.verdict_text import alternatives, percent, segments_by_verdict, verdict_sentence, verdict_word
 
 MAX_NAME_LENGTH, MIN_HEADING_LENGTH = 28, 11
 """Characters at which a name in a table is cut, and at which a heading of a column is broken at least, in lines of 80.

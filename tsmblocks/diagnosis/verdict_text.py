@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -14,19 +14,14 @@ from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, f
 from tsmblocks.diagnosis.rejection import LEAVES_MORE, NOT_ACCEPTED
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, RankedCandidate, Segment
-from tsmblocks.effects import catalogue
 from tsmblocks.fitting.input_checks import runs_ahead
 
 REMAINING_ERROR_RATIO = 1.1
 """Held-out rms over the noise floor from which a remaining error is reported. Chosen."""
-MIN_OTHERS, ODD_RATIO = 2, 1.5
-"""Number of other experiments at least, and error over the largest of theirs, from which one stands out. Chosen: noise
-of one sensor varies by less."""
 NEARLY_ALL = 0.98
 """Share of the reduction by an effect that was named from which one that leaves more error explains nearly as much.
 Chosen: no block has quite the form of a real mechanism."""
 NOTHING_TO_REMOVE = "The error is within the noise: there is nothing above the noise floor to remove."
-COMPARE_STRUCTURES = "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare."
 ALL_SHARE = 0.995
 """Share from which it is printed as 100 %."""
 
@@ -55,7 +50,7 @@ def verdict_sentence(segment: Segment) -> str:
         if segment.excess > MIN_VARIANCE_REDUCTION
         else ""
     )
-    slow = _slow_noise(segment)
+    slow = slow_noise(segment)
     known = ", but not all of the residual is known to be noise" if slow else ""
     none = f"No unmodelled effect {between} is detectable with these data{known}."
     return f"{none} {_error(segment)}{slow or weak}{_implausible_floor(segment)}"
@@ -149,7 +144,7 @@ def _shape(segment: Segment) -> str:
     return f"{share} on held-out data{f': {along}' if along else ''}."
 
 
-def _slow_noise(segment: Segment) -> str:
+def slow_noise(segment: Segment) -> str:
     """A remark on a residual above the noise floor that is not predicted: slow noise, or a model error."""
     gap = worst_gap(segment)
     if gap.given or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
@@ -159,101 +154,6 @@ def _slow_noise(segment: Segment) -> str:
         "recorded signal predicts it on held-out data: slow noise of that size and a model error that does not repeat "
         "with the motion are indistinguishable."
     )
-
-
-def next_steps(segment: Segment) -> list[str]:
-    """Next steps where a residual is not explained, or where noise and a model error are indistinguishable."""
-    given = all(gap.given for gap in segment.gaps)
-    repeat = "Record the same motion twice: a model error repeats, noise does not."
-    floor = (
-        "Give the noise of the sensor (--noise-floor, in Python noise_floor), from a recording at rest or from its "
-        "data sheet."
-    )
-    alone = [] if segment.verdict == "named" and segment.complete else _odd_experiments(segment)
-    if segment.verdict == "none":
-        return [*alone, *([repeat, *([] if given else [floor])] if _slow_noise(segment) else [])]
-    if segment.complete:
-        return []
-    if segment.varies_with:
-        return [*alone, *_where_a_factor_varies(segment)]
-    if segment.irregular:
-        return [
-            *alone,
-            repeat,
-            *([] if given else [floor]),
-            "If it does not repeat: record other possible causes (a load, a second input, the temperature, a supply).",
-        ]
-    return [
-        *alone,
-        *_others_to_try(segment),
-        COMPARE_STRUCTURES,
-        *([SHOW_SHAPE] if segment.where else []),
-        "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
-    ]
-
-
-SHOW_SHAPE = "Record more of the motion along which the error is predicted, to show its shape."
-"""The next step where a coordinate of the motion predicts the residual."""
-
-
-def _where_a_factor_varies(segment: Segment) -> list[str]:
-    """What is measured of a residual in proportion to the motion by a factor that varies, and what may be its cause."""
-    gap = max(segment.gaps, key=_remaining_ratio)
-    beside = f" ({_remaining_ratio(gap):.3g} times the noise floor)" if gap.noise_floor > 0 else ""
-    return [
-        f"The residual of {gap.output}{beside} has a part in proportion to {segment.varies_with}. Either a parameter "
-        "varies over that time, or the model lacks a nonlinearity or has one of another form.",
-        "Record what may make a parameter vary (a temperature, a preload, a supply), or repeat one motion without a "
-        "pause.",
-        COMPARE_STRUCTURES,
-        *_filtering(segment),
-    ]
-
-
-def _filtering(segment: Segment) -> list[str]:
-    """A remark on inputs out of which noise was filtered."""
-    if not segment.filtered:
-        return []
-    return [
-        f"Filtering of {listed(segment.filtered)} may leave a residual of that size as well: compare with "
-        "--no-condition, in Python condition=False."
-    ]
-
-
-def _remaining_ratio(gap: Gap) -> float:
-    """The held-out error of the last model [noise floors]."""
-    return gap.held_out[-1] / gap.noise_floor if gap.noise_floor > 0 else 0.0
-
-
-def _others_to_try(segment: Segment) -> list[str]:
-    """The effects of the catalogue that were not requested."""
-    others = {one.name for one in catalogue()} - {m.name for m in segment.limits} - set(segment.effects_tried)
-    if not others or not segment.limits:
-        return []
-    return [f"Try the other {len(others)} effects of the catalogue as well: leave out effects (--effects)."]
-
-
-def _odd_experiments(segment: Segment) -> list[str]:
-    """Experiments whose error is far from that of all others: something may have changed in one of them only."""
-    found = dict[tuple[str, str], dict[str, float]]()
-    for gap in segment.gaps:
-        rms = {name: errors[-1] for name, errors in gap.experiments.items()}
-        odd = max(rms, key=lambda name: rms[name], default="")
-        others = [value for name, value in rms.items() if name != odd]
-        if len(others) >= MIN_OTHERS and rms[odd] > ODD_RATIO * max(others):
-            # beside a large error of all, it is the motion of this one that excites what is missing
-            known = max(others) <= ODD_RATIO * gap.noise_floor or not gap.noise_floor > 0
-            why = "something may have changed in it" if known else "it excites most of what is missing, or it differs"
-            found.setdefault((odd, why), {})[gap.output] = float(rms[odd] / np.median(others))
-    return [_examine(odd, why, ratios) for (odd, why), ratios in found.items()]
-
-
-def _examine(odd: str, why: str, ratios: Mapping[str, float]) -> str:
-    """The step to examine an experiment: ``ratios`` are its errors over those of the others, by output."""
-    outputs, times = listed(list(ratios)), listed([f"{one:.1f}" for one in ratios.values()])
-    one, several = f"its error of {outputs} is {times} times that", f"its errors of {outputs} are {times} times those"
-    errors = one if len(ratios) == 1 else several
-    return f"Examine {odd} separately: {errors} of the other experiments, so {why} (a parameter, a load, a sensor)."
 
 
 def _implausible_floor(segment: Segment) -> str:

@@ -6,17 +6,11 @@ import functools
 
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
+from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.presentation import size_text, with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.text import STATUS
-from tsmblocks.diagnosis.verdict_text import (
-    alternatives,
-    next_steps,
-    percent,
-    segments_by_verdict,
-    verdict_sentence,
-    verdict_word,
-)
+from tsmblocks.diagnosis.verdict_text import alternatives, percent, segments_by_verdict, verdict_sentence, verdict_word
 from tsmblocks.html.card import MOST_CHARTS, card, listed, table_of
 from tsmblocks.html.figures import gap_bars
 from tsmblocks.html.pages import part

@@ -14,6 +14,7 @@ from tsmblocks.diagnosis.details import initial_states_text, parameter_rows
 from tsmblocks.diagnosis.detectable_sizes import limit_text
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
+from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.presentation import (
     DARKEST,
     Profile,
@@ -42,7 +43,6 @@ from tsmblocks.diagnosis.variants import explained
 from tsmblocks.diagnosis.verdict_text import (
     candidate_title,
     in_table,
-    next_steps,
     nothing_to_remove,
     percent,
     segments_by_verdict,
