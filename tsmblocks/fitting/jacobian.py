@@ -96,6 +96,15 @@ class Jacobian:
             result[block.columns] = np.isfinite(block.values).all(axis=0)
         return result
 
+    @property
+    def has_finite_values(self) -> np.ndarray:
+        """Which columns have a value that is finite and not zero, shape (n,)."""
+        result = np.empty(self.shape[1], dtype=bool)
+        result[self.common_columns] = (np.isfinite(self.common) & (self.common != 0)).any(axis=0)
+        for block in self.own_blocks():
+            result[block.columns] = (np.isfinite(block.values) & (block.values != 0)).any(axis=0)
+        return result
+
     def with_finite_values(self) -> Jacobian:
         """The same with zeros instead of non-finite values."""
         common, own = (np.where(np.isfinite(part), part, 0.0) for part in (self.common, self.own))

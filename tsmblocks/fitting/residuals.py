@@ -111,10 +111,14 @@ class Problem:
         return self._derivatives(theta, DIFFERENCE_SHARE * np.where(size > 0, size, 1.0))
 
     def _diverges(self, J: Jacobian, theta: np.ndarray) -> bool:
-        """Whether derivatives would move the outputs far beyond the signals, for an unknown that moves by its size."""
+        """Whether derivatives would move the outputs far beyond the signals, for an unknown that moves by its size.
+
+        They do so in the course of a run; one that is infinite from the first sample on is so by its equation.
+        """
         with np.errstate(over="ignore", invalid="ignore"):
             moved = J.norms * np.abs(theta)
-        return not bool((moved <= DIVERGED * np.sqrt(self.samples) * max(self.size, 1e-300)).all())
+        far = ~(moved <= DIVERGED * np.sqrt(self.samples) * max(self.size, 1e-300))
+        return bool(far.any()) and bool(J.has_finite_values[far].all())
 
     def _derivatives(self, theta: np.ndarray, steps: np.ndarray | None) -> tuple[np.ndarray, Jacobian]:
         """As ``jacobian``, by derivatives or differences as they are."""
