@@ -72,7 +72,8 @@ def test_what_cannot_be_tracked_says_why_where_a_compensator_is_meant():
     assert consequence(two, two) == ""
     back = base.with_parameters({"gain.gain": -1.0})
     assert consequence(model(back), model(back)) == (
-        "Whether the new model tracks a motion better was not simulated: the compensator, a fast feedback loop around "
+        "Whether the augmented model tracks a motion better was not simulated: the compensator, a fast feedback loop "
+        "around "
         "the model that finds the command for a wanted motion, is unstable. The effects named do not depend on it."
     )
 

@@ -35,7 +35,7 @@ def test_a_parameter_is_a_frequency_or_a_speed_and_shown_in_rad_per_second(block
 def test_a_natural_frequency_keeps_its_unit_through_a_diagram():
     before = tsm.Diagram(blocks={"servo": SecondOrderLag(omega=30.0)}, inputs={"u": "servo.u"}, outputs={"y": "servo"})
     (changed,) = difference(before, before.with_parameters({"servo.omega": 41.2})).parameters
-    assert changed.words == "servo.omega  30 -> 41.2 rad/s"
+    assert changed.words == "servo.omega  30.0 -> 41.2 rad/s"
     (field, *_) = numbers(before)["servo.omega"]
     assert plus_minus(41.2, 0.6, field.unit) == "41.20 ± 0.60 rad/s"
 

@@ -68,7 +68,7 @@ def test_a_reason_that_several_recordings_have_is_said_once_with_the_largest_siz
         return Found("stand-still", (Stretch(size * np.array([1.0, -1.0]), 0.01),), 5.0, doubt="it moves")
 
     found = [moved(0.02), moved(0.053), moved(0.01)]
-    assert noise_floor._refused(found, "rev") == ["stand-still: it moves (0.053 rev rms)"]
+    assert noise_floor._refused(found, 1.0, "rev") == ["stand-still: it moves (0.053 rev rms)"]
 
 
 def test_fast_noise_is_a_lower_bound():

@@ -18,6 +18,7 @@ from tsmblocks.diagnosis import text as text_of_diagnosis
 from tsmblocks.diagnosis.cautions import cautions
 from tsmblocks.diagnosis.detectable_sizes import limit_text
 from tsmblocks.diagnosis.model_difference import difference, in_code
+from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.residual_location import words_for
 from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.diagnosis.segment import DetectionLimit, Quantity
@@ -179,11 +180,11 @@ def test_the_parts_of_a_noise_floor_and_what_each_recording_shows_are_said_every
     with as_wide_as(200):
         text = found.details()
     assert f"n{words}" in text.replace("\n", " ")
-    assert re.search(r"\nnoise of x_out alone \[deg\] +rms  95 % from +to  from\nfull +0.0600 +0.0500 +0.08", text)
+    assert re.search(r"\nnoise of x_out alone \[deg\] +rms  95 % low +high  method\nfull +0.0600 +0.0500 +0.08", text)
     assert "\nhigh frequencies: a lower limit, which sees only fast noise." in text
     shown = html.unescape(re.sub("<[^>]*>", "", page(found))).replace("\xa0", " ")
     assert f"N{words}" in shown
-    assert "half0.05000.0400unknownhigh frequencies" in shown
+    assert "half0.05000.0400-high frequencies" in shown
     saved = json.loads(found.to_json())["gap"]["noise_floor_parts"]
     assert saved["recordings"]["half"]["high"] is None
     assert saved["from_inputs"] == pytest.approx(0.08 * DEG, rel=1e-5)
@@ -246,7 +247,7 @@ def test_detection_limits_in_the_file_are_those_of_the_text_and_have_their_units
 
 def test_the_noise_of_the_sensor_is_asked_for_in_the_words_of_the_command_and_of_python():
     high = attrs.evolve(NONE.gaps[0], held_out=(0.5 * DEG,), method="high frequencies", given="")
-    steps = verdict_text.next_steps(attrs.evolve(NONE, gaps=(high,)))
+    steps = next_steps(attrs.evolve(NONE, gaps=(high,)))
     assert any("(--noise-floor, in Python noise_floor)" in one for one in steps)
 
 

@@ -19,7 +19,9 @@ from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
 from tsmblocks.data.slow_noise import Level, level, mean_square
 
-TRUST = ("repeats", "repeated periods", "stand-still", HIGH_FREQUENCIES)
+STAND_STILL = "stand-still"
+"""Method of a floor that was estimated while the inputs rest."""
+TRUST = ("repeats", "repeated periods", STAND_STILL, HIGH_FREQUENCIES)
 """Methods, the most reliable first."""
 CONTENT = {
     "repeats": "what differs between recordings of the same motion",
@@ -28,6 +30,8 @@ CONTENT = {
     HIGH_FREQUENCIES: "a lower limit, which sees only fast noise",
 }
 """What noise a floor contains, by its method."""
+MIN_REST_FREEDOM = 20
+"""Degrees of freedom of rests from which they show the noise. Chosen: a few rests of slow noise do not."""
 SAME_READING = 0.25
 """Rms of noise that leaves a reading at the same value, at most [steps of the reading]. Derived: with more, a value in
 the middle of a step leaves it in one sample of 22."""
@@ -213,6 +217,8 @@ def _taken(found: list[Found], fast: Level, start: Noise, shown: tuple[float, st
     sound = {m: own for m in TRUST if (own := [f for f in found if f.method == m and not f.doubt])}
     levels = {m: _level(own, fast.floor) for m, own in sound.items()}
     refused = _refused(found, factor, unit)
+    if STAND_STILL in levels and levels[STAND_STILL].freedom < MIN_REST_FREEDOM:
+        refused.append(f"{STAND_STILL}: too few independent values ({levels.pop(STAND_STILL).freedom:.0f})")
     rounding = (start.quantum or 0.0) / np.sqrt(12.0)  # a constant reading has rounding errors all the same
     if not levels:
         floor, said = max(fast.floor, rounding), "; ".join(refused)

@@ -105,20 +105,21 @@ class Problem:
         not: dry friction of a narrow smoothing is bounded at any step, and its slope is not.
         """
         residuals, J = self._derivatives(theta, steps)
-        if steps is not None or not self._diverges(J, theta):
+        if steps is not None or not self._diverges(J, theta, residuals):
             return residuals, J
         size = np.maximum(np.abs(theta), np.abs(self.unknowns.start))
         return self._derivatives(theta, DIFFERENCE_SHARE * np.where(size > 0, size, 1.0))
 
-    def _diverges(self, J: Jacobian, theta: np.ndarray) -> bool:
+    def _diverges(self, J: Jacobian, theta: np.ndarray, residuals: np.ndarray) -> bool:
         """Whether derivatives would move the outputs far beyond the signals, for an unknown that moves by its size.
 
         They do so in the course of a run; one that is infinite from the first sample on is so by its equation.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             moved = J.norms * np.abs(theta)
-        far = ~(moved <= DIVERGED * np.sqrt(self.samples) * max(self.size, 1e-300))
-        return bool(far.any()) and bool(J.has_finite_values[far].all())
+            signals = np.sqrt(self.samples) * self.size + np.sqrt(square(residuals))
+        far = ~(moved <= DIVERGED * signals)
+        return np.isfinite(signals) and bool(far.any()) and bool(J.has_finite_values[far].all())
 
     def _derivatives(self, theta: np.ndarray, steps: np.ndarray | None) -> tuple[np.ndarray, Jacobian]:
         """As ``jacobian``, by derivatives or differences as they are."""
