@@ -14,19 +14,17 @@ from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.data.fast_noise import HIGH_FREQUENCIES, fast_level, sample_to_sample_noise
-from tsmblocks.data.noise_methods import Found, measured, of_periods, of_repeats, of_rests
+from tsmblocks.data.noise_methods import STAND_STILL, Found, measured, of_periods, of_repeats, of_rests
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
 from tsmblocks.data.slow_noise import Level, level, mean_square
 
-STAND_STILL = "stand-still"
-"""Method of a floor that was estimated while the inputs rest."""
 TRUST = ("repeats", "repeated periods", STAND_STILL, HIGH_FREQUENCIES)
 """Methods, the most reliable first."""
 CONTENT = {
     "repeats": "what differs between recordings of the same motion",
     "repeated periods": "what differs from one period of the motion to a later one",
-    "stand-still": "the noise while the mechanism stands still",
+    STAND_STILL: "the noise while the mechanism stands still",
     HIGH_FREQUENCIES: "a lower limit, which sees only fast noise",
 }
 """What noise a floor contains, by its method."""

@@ -15,6 +15,8 @@ from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
 from tsmblocks.data.slow_noise import Stretch, mean_square
 
+STAND_STILL = "stand-still"
+"""Method of a floor that was estimated while the inputs rest."""
 MIN_FREEDOM = 30
 """Degrees of freedom below which an estimate is not given. Derived: its relative error, 1/sqrt(2 freedom), would be
 more than an eighth."""
@@ -194,7 +196,7 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     for rest in _settled_together([Stretch(record[name][k][there[k]], record.step) for k in late], fast):
         first, still = settled([rest], fast)
         (made if still else moving).append(rest.cut(first))
-    found = Found("stand-still", tuple(made), float(record.t[-1] - record.t[0]))
+    found = Found(STAND_STILL, tuple(made), float(record.t[-1] - record.t[0]))
     if found.samples - len(made) < MIN_FREEDOM:
         found = attrs.evolve(found, stretches=tuple(moving))
         return attrs.evolve(found, doubt="the signal moves while the inputs rest") if moving else None

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import attrs
 import numpy as np
 
+from tsmblocks.common.rounding import significant
 from tsmblocks.common.tables import listed
 from tsmblocks.common.units import display_unit
 from tsmblocks.demo.compensators import FEEDFORWARD, LOOP, Tracked
@@ -164,7 +165,7 @@ def _error(one: Tracked | None) -> str:
 
 def rounded(error: float) -> str:
     """A tracking error in two digits: a third would differ where a loop hunts."""
-    return f"{error:#.2g}".rstrip(".")
+    return significant(error, 2)
 
 
 def which(story: Story) -> str:

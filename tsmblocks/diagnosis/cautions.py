@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Mapping
 
 import attrs
@@ -13,7 +14,6 @@ from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
 from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.text import estimate_cautions, tangled
-from tsmblocks.model.block import Block
 
 MAX_STATE_CAUTIONS = 2
 """Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
@@ -24,7 +24,7 @@ MAYBE = "A part of the residual may be a model error, and the intervals of the p
 """The caution where no effect is found, and slow noise and a model error are indistinguishable."""
 FAR_ABOVE = 1.5
 """Residual over the noise floor from which it is given. Chosen: more than the error of a noise floor."""
-TIMES = {"time_constant", "time"}
+TIMES = ("time_constant", "time")
 """Parameters of lags and delays, which add up where they follow one another."""
 MIN_SHARE_KEPT = 0.02
 """Share of the time of an effect below which that of a block of the model went to zero. Chosen."""
@@ -54,17 +54,15 @@ def taken_over(fit: Fit, effects: Collection[str]) -> list[str]:
     ``effects`` are the names of the blocks that were added. A dead zone behind a lag is found in front of it, and then
     the lag in front of the dead zone.
     """
-    blocks, known = fit.diagram.blocks, {e.name: e for e in fit}
-    said = []
-    for added in (name for name in effects if isinstance(blocks.get(name), Block)):
-        for one in (name for name in blocks if name not in effects and isinstance(blocks[name], Block)):
-            for parameter in blocks[added].parameters.keys() & blocks[one].parameters.keys() & TIMES:
-                own, new = known.get(f"{one}.{parameter}"), known.get(f"{added}.{parameter}")
-                if own is not None and new is not None and abs(own.value) < MIN_SHARE_KEPT * abs(new.value):
-                    said.append(
-                        f"{own.name} went to zero beside {added}, which takes its place: the model may lack no further "
-                        f"{parameter.replace('_', ' ')}, but have {one} at another place."
-                    )
+    known, said = {e.name: e for e in fit}, []
+    others = [name for name in fit.diagram.blocks if name not in effects]
+    for added, one, parameter in itertools.product(effects, others, TIMES):
+        own, new = known.get(f"{one}.{parameter}"), known.get(f"{added}.{parameter}")
+        if own is not None and new is not None and abs(own.value) < MIN_SHARE_KEPT * abs(new.value):
+            said.append(
+                f"{own.name} went to zero beside {added}, which takes its place: the model may lack no further "
+                f"{parameter.replace('_', ' ')}, but have {one} at another place."
+            )
     return said
 
 

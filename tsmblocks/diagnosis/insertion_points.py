@@ -125,7 +125,7 @@ def insertion_points(
         direct = [k for k in diagram.inputs if integration_count(diagram, name, before="", after=k) == 0]
         reading = [_behind(diagram, k, named) for k in direct]
         found += [InsertionPoint("across", name, source, other=k, after=source) for k in reading]
-        signal, port = _in_front(diagram, source, named)
+        signal, port = in_front(diagram, source, named)
         if port:
             found.append(InsertionPoint("output", name, signal, before=port))
             found += [InsertionPoint("across", name, signal, other=k, before=port) for k in reading]
@@ -155,7 +155,7 @@ def insertion_points(
     return list(unique.values())
 
 
-def _in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:
+def in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:
     """The signal in front of the chain of named blocks up to ``source``, and the port it drives.
 
     The wires between them are left out: they would double the run time for nearly the same candidates.

@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.rounding import LARGEST_PLAIN, plus_minus
+from tsmblocks.common.rounding import LARGEST_PLAIN, plus_minus, significant
 from tsmblocks.common.units import display_unit, heading
 from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
@@ -38,7 +38,7 @@ def with_interval(q: Quantity) -> str:
 
 def digits(value: float) -> str:
     """A number with three digits, trailing zeros included."""
-    return _plain(f"{value:#.3g}").rstrip(".")
+    return _plain(significant(value, 3))
 
 
 def _plain(text: str) -> str:

@@ -13,7 +13,7 @@ from tsmblocks.blocks import Gain
 from tsmblocks.common.units import display_unit, displayed_in, is_unit, parse, times
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
-from tsmblocks.diagnosis.insertion_points import source_of
+from tsmblocks.diagnosis.insertion_points import in_front
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.presentation import with_interval
@@ -259,21 +259,12 @@ def _is_acceleration(size: Quantity, signal: str, diagram: Diagram) -> bool:
 
 def _gain_of_force(size: Quantity, signal: str, diagram: Diagram) -> str:
     """The parameter by which a force becomes the acceleration that a size is; empty where there is none."""
-    name = _without_effects(signal, diagram).rpartition(".")[0]
+    effects = {one.name for one in catalogue()}
+    added = {name for name in diagram.blocks if NUMBERED.sub("", name) in effects}  # they act on the same wire
+    name = in_front(diagram, signal, added)[0].rpartition(".")[0]
     gain, unit = diagram.blocks.get(name), unit_of_signal(diagram, f"{name}.u")
     behind = isinstance(gain, Gain) and gain.gain and is_unit(unit) and parse(unit).dimension not in FORCES
     return f"{name}.gain" if behind and _is_acceleration(size, signal, diagram) else ""
-
-
-def _without_effects(signal: str, diagram: Diagram) -> str:
-    """The signal in front of the effects that were added to a wire before, on which all of them act."""
-    effects = {one.name for one in catalogue()}
-    for _ in range(len(diagram.blocks)):
-        name = signal.rpartition(".")[0]
-        if name not in diagram.blocks or NUMBERED.sub("", name) not in effects:
-            break
-        signal = source_of(diagram, f"{name}.u")
-    return signal
 
 
 def _divided(size: Quantity, by: float) -> Quantity:

@@ -17,8 +17,8 @@ CLEAR = 12
 class Level:
     """A horizontal wire that crosses cuts, from ``left`` to ``right`` in the wide drawing.
 
-    ``plain`` where nothing of its signal begins, ends or turns between its ends; ``rises`` where all that goes on from
-    its left end goes up.
+    ``plain`` where its signal has no corner, tap or end between the two ends; ``rises`` where every part of the signal
+    that continues at the left end goes up.
     """
 
     y: float
@@ -75,7 +75,7 @@ def _levels(wire: Wire, starts: Sequence[float]) -> Iterator[Level]:
 
 
 def _beyond(line: Sequence[Point], x: float, y: float) -> list[bool]:
-    """Whether each wire that goes on from a point, other than to its right, goes up."""
+    """For each part of a line that leaves a point to the left, up or down: whether it goes up."""
     ways = [(a, b) for a, b in (*pairwise(line), *pairwise(line[::-1])) if a == (x, y)]
     return [b[0] == x and b[1] < y for _, b in ways if b[0] <= x]
 

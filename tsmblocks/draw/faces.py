@@ -21,7 +21,7 @@ FRACTION = 13
 WIDEST_SYMBOL, WIDEST_FRACTION, WIDEST_TEXT = 110, 200, 140
 """Widths beyond which a symbol is wrapped, values in a fraction are not shown, and a title is cut [pixels]."""
 FORMULA, IN_A_FORMULA = re.compile(r"[(/^]"), re.compile(r"(?<![a-z]{2})-|-(?![a-z]{2})", re.IGNORECASE)
-"""What tells a formula from words, and a hyphen in it that is a minus."""
+"""Signs by which a symbol is a formula, and hyphens in it that denote a minus: not those inside of words."""
 SWITCHED = {"enable": "enabled", "trigger": "triggered"}
 """Word in the box of a diagram that is switched, by what switches it."""
 
