@@ -93,10 +93,10 @@ class DeadTime(Block):
     .. math:: y(t) = u(t - T)
 
     It is interpolated by the cubic through four instants, of which the present is one where T is less than a step; so
-    at T = 0 the signal passes bit for bit, and the derivative of the output by T is exact there too. Unlike Delay it
-    has direct feedthrough, breaks no algebraic loop, and spreads the jumps of sampled signals over the step that ends
-    there: beside a held input a fitted delay is half a step too long. Before the start, ``start="first"`` holds the
-    first value of the input and ``start="value"`` the number ``initial``.
+    at T = 0 the signal passes bit for bit, and the derivative of the output by T is exact there too. Of a signal that
+    is constant within steps (a held input, samples, a Step) the output is the mean of the delayed signal over each
+    step, which states integrate exactly. Unlike Delay it has direct feedthrough and breaks no algebraic loop. Before
+    the start, ``start="first"`` holds the first value of the input and ``start="value"`` the number ``initial``.
     """
 
     source = "definition"

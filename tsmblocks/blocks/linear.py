@@ -186,7 +186,9 @@ class Delay(Block):
     .. math:: y(t) = u(t - T)
 
     It is interpolated by the cubic through four instants. A signal that is constant within steps (samples, a relay, a
-    Step) is not smoothed: its jumps are kept. In a signal that also moves, a jump is spread over one step.
+    Step) is not smoothed: its jumps are kept. Of a held input the output is the mean of the delayed signal over each
+    step, which is the signal itself where T is a whole number of steps. In a signal that also moves, a jump is spread
+    over one step.
     """
 
     source = "definition"

@@ -22,15 +22,17 @@ from tsmblocks.engine.substitution import other_symbols
 from tsmblocks.model.diagram import Diagram
 
 
-def compile_diagram(diagram: Diagram, *, refuse_loops: bool = False) -> Equations:
+def compile_diagram(
+    diagram: Diagram, *, refuse_loops: bool = False, held_inputs: frozenset[str] = frozenset()
+) -> Equations:
     """Equations of a diagram, as CasADi functions (see ``Equations``).
 
     ``between`` forms all signals between samples, for ``rhs``; a second evaluator forms them at a sample instant, for
-    ``update``. With ``refuse_loops`` an algebraic loop is an error. Raises AlgebraicLoop, EquationError or
-    DiagramError, naming the place.
+    ``update``. With ``refuse_loops`` an algebraic loop is an error. The ``held_inputs`` are constant within steps; what
+    delays them then keeps their jumps. Raises AlgebraicLoop, EquationError or DiagramError, naming the place.
     """
     flat = FlatDiagram(diagram)
-    between = Evaluator(flat, held=True, refuse=refuse_loops)
+    between = Evaluator(flat, held=True, refuse=refuse_loops, held_inputs=held_inputs)
     between.form(("y", path, port) for path, block in flat.blocks.items() for port in block.outports)
     between.form(("dx", *key) for key in flat.x)
     signals = _signals(flat, between)
@@ -50,6 +52,7 @@ def compile_diagram(diagram: Diagram, *, refuse_loops: bool = False) -> Equation
         y=tuple(signals),
         q=tuple(".".join(k) for k in flat.pasts),
         min_delay_steps=tuple(0 if one.past.now else 1 for one in pasts),
+        delayed_inputs=_delayed_inputs(flat, between),
         **_closed(_reads(flat, between), between, results, update),
         start=start,
         lag=lag,
@@ -68,11 +71,19 @@ def _reads(flat: FlatDiagram, evaluator: Evaluator) -> list[Any]:
     return [flat.t, *map(_column, (*evaluator.symbols(), list(flat.p.values())))]
 
 
+def _delayed_inputs(flat: FlatDiagram, evaluator: Evaluator) -> frozenset[str]:
+    """Inputs with which a delayed signal is constant within steps, but none of those whose derivative is needed."""
+    made = {key: evaluator.constant_with(one.source) for key, one in flat.pasts.items()}
+    inputs = {key: one.inputs for key, one in made.items() if one is not None}
+    differentiated = (v for key, v in inputs.items() if key in evaluator.differentiated)
+    return frozenset[str]().union(*inputs.values()).difference(*differentiated)
+
+
 def _update(flat: FlatDiagram, between: Evaluator) -> tuple[Evaluator, list[Any]] | None:
     """Memory and states after a sample instant, and the evaluator that formed them; None when nothing is updated."""
     if not (flat.d or flat.resets):
         return None
-    evaluator = Evaluator(flat, held=False, refuse=between.refuse, share=between)
+    evaluator = Evaluator(flat, held=False, refuse=between.refuse, held_inputs=between.held_inputs, share=between)
     return evaluator, [_column(part) for part in evaluator.updates()]
 
 

@@ -12,14 +12,15 @@ from __future__ import annotations
 import functools
 import itertools
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 import casadi as ca
 
 from tsmblocks.common.errors import AlgebraicLoop, DiagramError
+from tsmblocks.compiler.constant_signals import ConstantWith, constant_with
 from tsmblocks.compiler.dependencies import EQUATIONS, call
 from tsmblocks.compiler.flatten import FlatDiagram, Node, is_held_output
-from tsmblocks.compiler.past_values import held_past, interpolated_past
+from tsmblocks.compiler.past_values import held_past, interpolated_past, mean_past
 from tsmblocks.engine.closure import Tear
 from tsmblocks.engine.equations import DELAY_NUMBERS, SampledInput
 from tsmblocks.model.block import signals
@@ -35,16 +36,26 @@ class Evaluator:
 
     Between samples the outputs of sampled blocks are symbols, the values held; at a sample instant they are recomputed.
     ``share`` is an evaluator whose symbols this one uses, so that the expressions of both belong together.
+    ``held_inputs`` are inputs of the diagram that are constant within steps.
 
     ``value`` holds the nodes that have been formed, ``tears`` those at which loops are torn; with ``refuse`` a loop is
     an error. Symbols: ``x`` and ``d`` of states, ``u`` of sampled inputs and their derivatives, ``q`` of the past of
     delayed signals, ``hit`` whether each rate group is sampled now; ``owner`` maps a symbol (its hash) to what it
-    denotes.
+    denotes. ``differentiated`` are the past values that a rate was formed of.
     """
 
-    def __init__(self, flat: FlatDiagram, *, held: bool, refuse: bool = False, share: Evaluator | None = None) -> None:
-        self.flat, self.held, self.refuse = flat, held, refuse
+    def __init__(
+        self,
+        flat: FlatDiagram,
+        *,
+        held: bool,
+        refuse: bool,
+        held_inputs: frozenset[str],
+        share: Evaluator | None = None,
+    ) -> None:
+        self.flat, self.held, self.refuse, self.held_inputs = flat, held, refuse, held_inputs
         self.tears: dict[Node, Tear] = {}
+        self.differentiated: set[tuple[str, str]] = set() if share is None else share.differentiated
         if share is None:
             self.x = {k: ca.SX.sym(".".join(k)) for k in flat.x}
             self.d = {k: ca.SX.sym(flat.d_name(k)) for k in flat.d}
@@ -53,6 +64,7 @@ class Evaluator:
             states: dict[str, dict[Any, Any]] = {"x": self.x, "d": self.d}
             self.owner: dict[int, tuple[Any, ...]] = {flat.t.element_hash(): ("t",)}
             self.owner |= {v.element_hash(): (kind, k) for kind, table in states.items() for k, v in table.items()}
+            self.owner |= {v.element_hash(): ("q", k) for k, kept in self.q.items() for v in kept}
         else:
             self.x, self.d, self.u, self.q, self.owner = share.x, share.d, share.u, share.q, share.owner
         self.value: dict[Node, Any] = {("u", name): self._input_symbol(("u", name, 0)) for name in flat.inputs}
@@ -220,29 +232,20 @@ class Evaluator:
         if one.past.now and one.source not in self.value:
             return (one.source,)
         first = None if one.past.first else one.initial
-        if one.past.now:
-            self._set(node, interpolated_past(kept, t, one.delay, first, self.value[one.source]))
+        now = self.value[one.source] if one.past.now else None
+        constant = self.constant_with(one.source)
+        if constant is None or not constant.inputs <= self.held_inputs:
+            past = interpolated_past(kept, t, one.delay, first, now)
+        elif one.past.now or constant.inputs:
+            past = mean_past(kept, t, one.delay, first, now)
         else:
-            made = held_past if self._constant_within_steps(one.source) else interpolated_past
-            self._set(node, made(kept, t, one.delay, first))
+            past = held_past(kept, t, one.delay, first)
+        self._set(node, past)
         return ()
 
-    def _constant_within_steps(self, source: Node) -> bool:
-        """Whether a signal is constant within steps: a function of samples, memory and jumps in time alone."""
-        flat, seen, left = self.flat, set[Node](), [source]
-        while left:
-            node = left.pop()
-            kind, *key = node
-            if node in seen or (kind == "y" and tuple(key) in flat.held):
-                continue
-            seen.add(node)
-            if kind == "past" and not flat.pasts[key[0], key[1]].past.now:
-                left.append(flat.pasts[key[0], key[1]].source)
-            elif kind == "y" and key[1] not in (shape := flat.structures[key[0]]).moving:
-                left += [self._source(key[0], name) for name in shape.outputs[key[1]]]
-            else:
-                return False
-        return True
+    def constant_with(self, source: Node) -> ConstantWith | None:
+        """With which inputs a signal is constant within steps; None where it never is."""
+        return constant_with(self.flat, source, self._source)
 
     def _form_rate(self, node: Node) -> Iterable[Node]:
         """The time derivative of a signal, by the chain rule over its states, inputs and time."""
@@ -267,18 +270,31 @@ class Evaluator:
         kind = owner[0]
         if kind == "t":
             return ca.SX(1)
+        if kind == "q":
+            return self._past_rate(owner[1], source)
         if kind in _RATE_OF:
             return self.value[_RATE_OF[kind], *owner[1]]
         if kind == "input":
             *name, order = owner[1]
             return self._input_symbol((*name, order + 1))
         if kind == "d" and is_held_output(owner[1]):
-            fault = (
-                f"{self._ports_with_rate(source)}, which depends on {'.'.join(owner[1][:2])}, a sampled output held "
-                "constant between samples. Use a FilteredDerivative, or differentiate before sampling."
-            )
-            raise DiagramError(self.flat.title, [fault], self.flat.where)
+            self._raise_sampled_rate(owner[1], source)
         return ca.SX(0)
+
+    def _past_rate(self, key: tuple[str, str], source: Node) -> Any:
+        """The time derivative of a stored value of a delayed signal, which is a number; of samples there is none."""
+        self.differentiated.add(key)
+        one = self.constant_with(self.flat.pasts[key].source)
+        if one is not None and one.samples:
+            self._raise_sampled_rate(one.samples[0], source)
+        return ca.SX(0)
+
+    def _raise_sampled_rate(self, sample: tuple[str, ...], source: Node) -> NoReturn:
+        fault = (
+            f"{self._ports_with_rate(source)}, which depends on {'.'.join(sample[:2])}, a sampled output held "
+            "constant between samples. Use a FilteredDerivative, or differentiate before sampling."
+        )
+        raise DiagramError(self.flat.title, [fault], self.flat.where)
 
     def _ports_with_rate(self, source: Node) -> str:
         """The ports that need the derivative of a signal."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -50,6 +51,33 @@ def held_past(kept: list[Any], t: Any, delay: Any, first: Any) -> Any:
     back = ca.floor((t - delay - newest) * per_second + _rounding(t, per_second))
     value = ca.if_else(back >= 0, y3, ca.if_else(back >= -1, y2, ca.if_else(back >= -2, y1, y0)))
     return ca.if_else(ca.fmax(count - 1, 0.0) + back < 0, y3 if first is None else first, value)
+
+
+def mean_past(kept: list[Any], t: Any, delay: Any, first: Any, now: Any = None) -> Any:
+    r"""As ``held_past``, but its mean over the step of ``t``.
+
+    With :math:`T = (n + f) h`, :math:`0 \le f < 1`, that is :math:`(1 - f) u_{k-n} + f u_{k-n-1}` over all of step k:
+    what integrates it has the exact integral at the end of the step, and a derivative by the delay. A delay of whole
+    steps keeps the jumps as they are, to rounding.
+    """
+    *values, newest, per_second, count = kept
+    # The step of t, in steps from the newest instant; where none is stored yet that is the one before the start.
+    begun = ca.if_else(count >= 1, ca.floor((t - newest) * per_second + _rounding(t, per_second)), 1.0)
+    back = begun - delay * per_second
+    if first is None:  # the first value of the port: at the instant 0, which is kept where others before it are wanted
+        first = values[3] if now is None else ca.if_else(count < 1, now, values[3])
+        for n, value in enumerate(values[2:0:-1], 2):
+            first = ca.if_else(count >= n, value, first)
+    y0, y1, y2, y3 = (ca.if_else(count >= 4 - k, value, first) for k, value in enumerate(values))
+    # Straight lines through the values, a step apart, each over the step that ends there.
+    points = [first, y0, y1, y2, y3, *([] if now is None else [now])]
+    lines = zip(pairwise(points), range(3, -2, -1), strict=False)
+    return points[-1] + sum(_share(back + n) * (end - begin) for (begin, end), n in lines)
+
+
+def _share(away: Any) -> Any:
+    """Where an instant lies on the line over the step before another, ``away`` steps from that: -1 (begin) to 0."""
+    return ca.fmax(ca.fmin(away, 0.0), -1.0)
 
 
 def _rounding(t: Any, per_second: Any) -> Any:

@@ -80,6 +80,7 @@ class Equations:
     y: tuple[str, ...]
     q: tuple[str, ...]
     min_delay_steps: tuple[int, ...]
+    delayed_inputs: frozenset[str]
     rhs: Any
     update: Any
     start: Any

@@ -122,6 +122,13 @@ class Signal:
             self._grid = start, step, bool(np.abs(self.t - steps).max() <= 1e-9 * step)
         return self._grid[2]
 
+    def is_constant_within_steps(self, start: float, step: float) -> bool:
+        """Whether the signal is held, and changes at steps only."""
+        if self.function is not None or self.hold != "zero":
+            return False
+        at = (self.t[1:][np.diff(self.y) != 0] - start) / step
+        return bool((np.abs(at - np.rint(at)) <= LATE_SAMPLE).all())
+
     def is_found_by_position(self, order: int, offset: float) -> bool:
         """Whether ``on_steps`` gives a derivative at a fraction of the steps: a cubic's own samples only."""
         return order <= 1 if self.hold == "linear" else order == 0 and offset in (0, 1)

@@ -30,7 +30,7 @@ from tsmblocks.export.operations import LIMITS, c_double, statements
 from tsmblocks.export.pieces import HEADER, PAST, RESERVED, SPARE, comment, identifiers, used
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
-from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector, with_held
 from tsmblocks.simulation.stability import RunStart, warn_of_fast_poles
 
 
@@ -135,6 +135,7 @@ def to_c(diagram: Diagram, *, step: float, method: str = "rk4", name: str = "con
                 f"diagram '{eq.title}' cannot be written in C: {feed.block} generates its signal for a whole run at "
                 "once. Give this signal as an input instead."
             )
+    eq = with_held(eq, diagram, diagram.inports)
     rule, p = method_named(method), parameter_vector(eq, diagram)
     made = _Text(eq, p, h, rule, name).code()
     warn_of_fast_poles([RunStart(eq, p)], rule, h)

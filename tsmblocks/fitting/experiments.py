@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
@@ -26,6 +27,7 @@ from tsmblocks.fitting.holds import resolved_holds
 from tsmblocks.model.block import Samples
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import TimeGrid
+from tsmblocks.simulation.compiled import for_inputs
 from tsmblocks.simulation.lanes import tangent_kernel
 
 MOST_STEPS = 10**8
@@ -201,10 +203,11 @@ def prepare(
     holds = resolved_holds(record, diagram.inports, hold, eq.orders)
     units = tuple(port.unit for port in diagram.inports.values())
     wanted = tuple((k, diagram.unit(k)) for k in outputs)
+    given = inputs(record, diagram, holds, times.grid[-1])
+    signals = functools.cache(lambda: gather_signals(eq, given, times.grid, holds))
 
     def rows() -> np.ndarray:
-        ordered = gather_signals(eq, inputs(record, diagram, holds, times.grid[-1]), times.grid, holds)
-        return input_rows(ordered, start, h, 0, times.steps, rule.instants)
+        return input_rows(signals(), start, h, 0, times.steps, rule.instants)
 
     def measured() -> np.ndarray:
         return np.stack([signal_of(name, record, k, unit)[cut] for k, unit in wanted], axis=1)
@@ -214,7 +217,7 @@ def prepare(
     return Experiment(
         name,
         record,
-        eq,
+        for_inputs(eq, diagram, signals(), start, h) if eq.delayed_inputs else eq,
         rule,
         tuple(eq.y.index(eq.aliases[k]) for k in outputs),
         times,

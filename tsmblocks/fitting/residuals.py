@@ -15,7 +15,6 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.interrupt import checkpoint
-from tsmblocks.engine.kernel import Kernel, Memory
 from tsmblocks.fitting import runs
 from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import products, square
@@ -202,13 +201,13 @@ class Problem:
         count = len(thetas)
         lanes = runs.lanes_for(count)
         groups = [thetas[np.minimum(np.arange(a, a + lanes), count - 1)] for a in range(0, count, lanes)]
-        jobs = []
+        jobs = list[tuple[Experiment, runs.Prepared]]()
         for group in groups:
-            kernel, memories = runs.lane_runs(self.experiments, self.unknowns.sets(group), self._vary, quick=quick)
-            jobs += [(one, kernel, memory) for one, memory in zip(self.experiments, memories, strict=True)]
+            made = runs.lane_runs(self.experiments, self.unknowns.sets(group), self._vary, quick=quick)
+            jobs += zip(self.experiments, made, strict=True)
 
-        def squares(job: tuple[Experiment, Kernel, Memory]) -> np.ndarray:
-            return job[0].squares(job[1], job[2], self.weights)
+        def squares(job: tuple[Experiment, runs.Prepared]) -> np.ndarray:
+            return job[0].squares(*job[1], self.weights)
 
         found = map(squares, jobs) if len(jobs) == 1 else _threads(os.getpid()).map(squares, jobs)
         each = np.array(list(_stoppable(found))).reshape(len(groups), len(self.experiments), lanes)

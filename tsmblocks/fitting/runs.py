@@ -5,7 +5,7 @@ A recording cut into pieces makes a hundred short experiments: preparing each of
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -24,11 +24,14 @@ MANY_EXPERIMENTS = 40
 each experiment, and the code of another width compiled in 10 ms."""
 
 
+Prepared = tuple[Kernel, Memory]
+"""A kernel, and the memory of one run with it before its first step."""
+
+
 def outputs(experiments: Sequence[Experiment], p: np.ndarray) -> Iterator[np.ndarray]:
     """Simulated outputs (samples, outputs) of each experiment; ``p`` has shape (experiments, parameters)."""
-    first = experiments[0]
-    kernel = first.kernel
-    for experiment, memory in zip(experiments, _memories(experiments, kernel, p[:, :, None]), strict=True):
+    made = _prepared(experiments, p[:, :, None], lambda first: first.kernel)
+    for experiment, (kernel, memory) in zip(experiments, made, strict=True):
         yield experiment.output_columns(kernel, experiment.run(kernel, memory))
 
 
@@ -40,20 +43,27 @@ def derivatives(
     ``p`` has shape (experiments, parameters), ``seeds`` (experiments, parameters, directions). For each experiment the
     outputs have the shape (samples, outputs), and the derivatives (samples, directions) for each output.
     """
-    one, width = experiments[0], seeds.shape[2]
+    width = seeds.shape[2]
     lanes = directions(width)
-    kernel = one.kernel_with_derivatives(lanes)
-    steps, groups = [experiment.times.h for experiment in experiments], list[list[Memory]]()
-    for first in range(0, max(width, 1), lanes):
-        part = seeds[:, :, first : first + lanes]
-        part = np.concatenate([part, np.zeros((*part.shape[:2], lanes - part.shape[2]))], axis=2)
-        groups.append(tangent_memories(one.eq, kernel, p, part, steps))
-    for experiment, *memories in zip(experiments, *groups, strict=True):
+    starts = range(0, max(width, 1), lanes)
+    groups = [_tangents(experiments, p, seeds[:, :, first : first + lanes], lanes) for first in starts]
+    for experiment, *runs in zip(experiments, *groups, strict=True):
         parts = list[list[np.ndarray]]()
-        for first, memory in zip(range(0, max(width, 1), lanes), memories, strict=True):
+        for first, (kernel, memory) in zip(starts, runs, strict=True):
             y, part = experiment.split(kernel, experiment.run(kernel, memory), min(lanes, width - first))
             parts.append(part)
         yield y, [np.hstack(wide) if len(wide) > 1 else wide[0] for wide in zip(*parts, strict=True)]
+
+
+def _tangents(experiments: Sequence[Experiment], p: np.ndarray, seeds: np.ndarray, lanes: int) -> list[Prepared]:
+    """Runs with derivatives along ``seeds`` (experiments, parameters, directions), at most ``lanes`` directions."""
+    padded = np.concatenate([seeds, np.zeros((*seeds.shape[:2], lanes - seeds.shape[2]))], axis=2)
+
+    def made(some: Sequence[Experiment], at: list[int]) -> tuple[Kernel, list[Memory]]:
+        kernel = some[0].kernel_with_derivatives(lanes)
+        return kernel, tangent_memories(some[0].eq, kernel, p[at], padded[at], [one.times.h for one in some])
+
+    return _by_equations(experiments, made)
 
 
 def output_sets(experiments: Sequence[Experiment], p: np.ndarray, vary: frozenset[int]) -> Iterator[np.ndarray]:
@@ -63,22 +73,25 @@ def output_sets(experiments: Sequence[Experiment], p: np.ndarray, vary: frozense
     """
     width = FEW_LANES if len(experiments) <= MANY_EXPERIMENTS else LANES
     groups = [lane_runs(experiments, p[:, :, k : k + width], vary, quick=True) for k in range(0, p.shape[2], width)]
-    for e, experiment in enumerate(experiments):
-        parts = [experiment.output_lanes(kernel, experiment.run(kernel, made[e])) for kernel, made in groups]
+    for experiment, *runs in zip(experiments, *groups, strict=True):
+        parts = [experiment.output_lanes(kernel, experiment.run(kernel, memory)) for kernel, memory in runs]
         yield np.concatenate(parts, axis=2)[:, :, : p.shape[2]]
 
 
 def lane_runs(
     experiments: Sequence[Experiment], p: np.ndarray, vary: frozenset[int], *, quick: bool = False
-) -> tuple[Kernel, list[Memory]]:
-    """A kernel for as many sets as ``p`` (experiments, parameters, sets) has, and the memory of each experiment.
+) -> list[Prepared]:
+    """The runs of each experiment with as many sets as ``p`` (experiments, parameters, sets) has, side by side.
 
     Lanes without a set repeat the last one; ``vary`` as above, ``quick`` as for ``kernel_for``.
     """
-    first, lanes = experiments[0], lanes_for(p.shape[2])
-    kernel = batch_kernel(first.eq, first.rule, first.columns, lanes, vary, first.backend, quick)
+    lanes = lanes_for(p.shape[2])
     padded = p[:, :, np.minimum(np.arange(lanes), p.shape[2] - 1)]
-    return kernel, _memories(experiments, kernel, padded)
+
+    def kernel(first: Experiment) -> Kernel:
+        return batch_kernel(first.eq, first.rule, first.columns, lanes, vary, first.backend, quick)
+
+    return _prepared(experiments, padded, kernel)
 
 
 def lanes_for(count: int) -> int:
@@ -86,5 +99,31 @@ def lanes_for(count: int) -> int:
     return next((few for few in (FEW_LANES, 16) if count <= few), LANES)
 
 
-def _memories(experiments: Sequence[Experiment], kernel: Kernel, p: np.ndarray) -> list[Memory]:
-    return lane_memories(experiments[0].eq, kernel, p, [experiment.times.h for experiment in experiments])
+def _prepared(
+    experiments: Sequence[Experiment], p: np.ndarray, kernel_of: Callable[[Experiment], Kernel]
+) -> list[Prepared]:
+    """The runs of experiments with the parameters ``p`` (experiments, parameters, lanes)."""
+
+    def made(some: Sequence[Experiment], at: list[int]) -> tuple[Kernel, list[Memory]]:
+        kernel = kernel_of(some[0])
+        return kernel, lane_memories(some[0].eq, kernel, p[at], [one.times.h for one in some])
+
+    return _by_equations(experiments, made)
+
+
+def _by_equations(
+    experiments: Sequence[Experiment], made: Callable[[Sequence[Experiment], list[int]], tuple[Kernel, list[Memory]]]
+) -> list[Prepared]:
+    """Kernel and memory of each experiment; those with the same equations have one kernel.
+
+    The equations differ where a delayed input is held in some experiments only. ``made`` takes some of them, and their
+    places in the list.
+    """
+    places = dict[int, list[int]]()
+    for k, one in enumerate(experiments):
+        places.setdefault(id(one.eq), []).append(k)
+    found = dict[int, Prepared]()
+    for at in places.values():
+        kernel, memories = made([experiments[k] for k in at], at)
+        found |= {k: (kernel, memory) for k, memory in zip(at, memories, strict=True)}
+    return [found[k] for k in range(len(experiments))]

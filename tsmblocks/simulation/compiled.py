@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from tsmblocks.common.kept import KeptFor
 from tsmblocks.compiler.compile import compile_diagram
 from tsmblocks.compiler.dependencies import nesting
 from tsmblocks.engine.equations import Equations
+from tsmblocks.engine.inputs import Signal
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram
@@ -68,12 +70,34 @@ def equations(diagram: Diagram, *, loops: str = SOLVE) -> Equations:
     return _refusing(diagram) if loops == REFUSE else _solving(diagram)
 
 
-def _compiled(diagram: Diagram, refuse: bool) -> Equations:
+def for_inputs(
+    eq: Equations, diagram: Diagram, signals: Sequence[tuple[Signal, int]], start: float, step: float
+) -> Equations:
+    """The equations of a diagram (``eq``) for a run with these inputs, from ``start`` in steps of ``step`` [s].
+
+    They differ where a held input is delayed: its past is constant within steps then, and not a curve through them.
+    """
+    alone = [(f, one) for f, (one, _) in zip(eq.u, signals, strict=True) if f.name in eq.delayed_inputs and not f.order]
+    held = frozenset(feed.name for feed, one in alone if not feed.block and one.is_constant_within_steps(start, step))
+    return with_held(eq, diagram, held) if any(one.name in held and len(one.t) > 2 for _, one in alone) else eq
+
+
+def with_held(eq: Equations, diagram: Diagram, inputs: Iterable[str]) -> Equations:
+    """The equations of a diagram (``eq``) with some of its inputs held within steps; ``eq`` where no delay reads them.
+
+    A rate of such an input does not exist; where ``eq`` has one they stay as they are.
+    """
+    held = eq.delayed_inputs & frozenset(inputs)
+    made = _compiled(diagram, refuse=False, held=held) if held else eq
+    return made if made.u == eq.u else eq
+
+
+def _compiled(diagram: Diagram, refuse: bool, held: frozenset[str] = frozenset()) -> Equations:
     """The equations of a diagram, from those compiled before where its structure is known."""
-    key = (diagram.title, signature(diagram))
+    key = (diagram.title, signature(diagram), held)
     found = _COMPILED.pop(key, None)
     if found is None:
-        found = compile_diagram(diagram, refuse_loops=refuse)
+        found = compile_diagram(diagram, refuse_loops=refuse, held_inputs=held)
         while len(_COMPILED) >= _KEPT:
             _COMPILED.pop(next(iter(_COMPILED)))
     _COMPILED[key] = found

@@ -15,7 +15,7 @@ from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns, run_to_their_end
 from tsmblocks.simulation.batch_parameters import parameter_index
-from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, for_inputs, parameter_vector
 from tsmblocks.simulation.lanes import directions, lane_columns, tangent_kernel, whole_run
 
 
@@ -85,10 +85,12 @@ def sensitivities_of(
     diagram = as_diagram(diagram).untied(names)
     run_to_their_end(diagram, "a run with sensitivities")
     times, eq = options.times, equations(diagram, loops=options.loops)
+    signals = options.signals(eq)
+    eq = for_inputs(eq, diagram, signals, times.start, times.h)
     base, known = parameter_vector(eq, diagram), [parameter_index(eq, name, diagram) for name in names]
     (shown, chosen, columns), lanes = kept_columns(eq, outputs), directions(len(known))
     kernel = tangent_kernel(eq, options.rule, chosen, lanes, options.backend)
-    whole = whole_run(eq, kernel, options.signals(eq), times)
+    whole = whole_run(eq, kernel, signals, times)
     size = 8.0 * times.kept * len(shown) * len(known)
     refuse_too_large(size, f"the sensitivities at {times.kept:,} instants", "Keep fewer: every, outputs.", RunError)
     jacobian = np.empty((times.kept, len(shown), len(known)))

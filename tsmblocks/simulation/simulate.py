@@ -15,7 +15,7 @@ from tsmblocks.engine.loops import reports
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, as_diagram, driven, logged_signals
-from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, for_inputs, parameter_vector
 from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
@@ -144,9 +144,9 @@ def simulate(
     eq = equations(diagram, loops=loops)
     condition = stop_condition(eq, text) if (text := condition_of(diagram, stop_when)) else None
     chosen, names = logged_signals(eq, log, times, condition.signals if condition else ())
-    rule, p = options.rule, parameter_vector(eq, diagram)
-    eq, chosen = with_determinants(eq, chosen)
-    kernel, h = single_kernel(eq, rule, chosen, backend), times.h
+    rule, p, h, signals = options.rule, parameter_vector(eq, diagram), times.h, options.signals(eq)
+    eq, chosen = with_determinants(for_inputs(eq, diagram, signals, times.start, h), chosen)
+    kernel = single_kernel(eq, rule, chosen, backend)
     if isinstance(initial, SavedState):  # instants are counted from the start of the run that is continued
         memory = restored_memory(initial, eq, start_memory(eq, kernel, p, h, None), h)
         origin, k = initial.start, initial.k
@@ -155,7 +155,7 @@ def simulate(
     else:
         memory = start_memory(eq, kernel, p, h, initial)
         origin, k = times.start, 0
-    signals, hits = options.signals(eq), steps_per_period(eq, h)
+    hits = steps_per_period(eq, h)
     session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
     poles = fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
     if locate:

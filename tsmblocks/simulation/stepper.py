@@ -18,7 +18,7 @@ from tsmblocks.engine.methods import method_named
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import as_diagram, as_inputs
-from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, parameter_vector, with_held
 from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory
 from tsmblocks.simulation.stability import RunStart, no_step_warnings, warn_of_fast_poles
@@ -75,9 +75,10 @@ class Stepper:
     ) -> None:
         diagram = self.diagram = as_diagram(diagram, parameters)
         self.h, self.start = as_positive("step", step), 0.0
-        eq = self.eq = equations(diagram, loops=loops)
+        eq = equations(diagram, loops=loops)
         for feed in eq.u:
             _need_single(diagram.title, feed)
+        eq = self.eq = with_held(eq, diagram, diagram.inports)
         self.names = tuple(dict.fromkeys(eq.aliases.values()))
         self.backend = backend
         rule, p = method_named(method), parameter_vector(eq, diagram)
