@@ -15,7 +15,15 @@ import numpy as np
 from tsmblocks.data import Record
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model, optimized
-from tsmblocks.fitting.held_inputs import CLEAR, MAX_DISTANCE, Alternative, alternative, residuals_held, setup_held
+from tsmblocks.fitting.held_inputs import (
+    CLEAR,
+    MAX_DISTANCE,
+    Alternative,
+    alternative,
+    residuals_held,
+    resolving_holds,
+    setup_held,
+)
 from tsmblocks.fitting.setup import Setup
 
 ROUGH_DISTANCE = 0.7
@@ -85,6 +93,8 @@ def found_commands(
     found = Commands()
     for name in model.diagram.inputs:
         right = list[tuple[float, Commands]]()
+        if name in may_be_held:
+            model = _resolving_holds(model, name)
         near, clear = (max(distance, ROUGH_DISTANCE), LIKELY_CLEAR) if name in likely else (distance, CLEAR)
         for commands in _alternatives(name, filtered, may_be_held):
             one = _beside(model, _residuals(model, raw, name, commands))
@@ -119,6 +129,15 @@ def commands_instead(base: Model, named: Model, may_be_held: Collection[str]) ->
             if optimized(problem, held, base.theta).mean_square <= (1 + MAX_RISE) * named.mean_square:
                 return Commands(held=(name,))
     return NO_COMMANDS
+
+
+def _resolving_holds(model: Model, name: str) -> Model:
+    """The model at a step at which its residuals tell whether an input is held."""
+    finer = resolving_holds(model.problem, model.setup, name)
+    if finer is None:
+        return model
+    problem, setup = finer
+    return attrs.evolve(model, problem=problem, setup=setup, r=problem.residuals(model.theta))
 
 
 def _beside(model: Model, other: np.ndarray | None) -> Alternative | None:

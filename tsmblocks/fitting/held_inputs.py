@@ -11,11 +11,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.common.errors import RunError
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import moved, uncertainty
+from tsmblocks.fitting.step_size import halved
 
 MAX_DISTANCE = 0.4
 """Distance of the estimated share of an alternative from 1 up to which it is taken. Chosen: a lag or a dead time that
@@ -37,6 +39,20 @@ def residuals_held(problem: Problem, setup: Setup, theta: np.ndarray, name: str)
     """Residuals (N,) with an input held between samples; None where they are the same, or a rate of it is needed."""
     held = setup_held(setup, name)
     return None if held is None else attrs.evolve(problem, experiments=held.experiments).residuals(theta)
+
+
+def resolving_holds(problem: Problem, setup: Setup, name: str) -> tuple[Problem, Setup] | None:
+    """A problem at a quarter of its step where the hold of an input is hidden in a dead time at its own.
+
+    A dead time knows its input at the steps alone, where the two holds differ by half a step of dead time. None where
+    nothing delays the input, where it is held already, or where that many steps do not fit into memory.
+    """
+    if name not in setup.eq.delayed_inputs or all(one.hold[name] == "zero" for one in setup.experiments):
+        return None
+    try:
+        return halved(*halved(problem, setup))
+    except RunError:
+        return None
 
 
 @attrs.frozen
@@ -107,6 +123,9 @@ def held_input_notes(
 ) -> Iterator[str]:
     """A note on each of some inputs that the outputs show to be held between samples."""
     for name in may_be_held:
+        if (finer := resolving_holds(problem, setup, name)) is not None:
+            problem, setup = finer
+            r = problem.residuals(theta)
         other = residuals_held(problem, setup, theta, name)
         one = None if other is None else alternative(J, r, other, problem.segments, held, len(setup.outputs))
         if one is not None and one.is_near(MAX_DISTANCE) and one.rest < square(r):

@@ -76,7 +76,7 @@ class Reference:
         self.past: dict[str, list[float]] = {name: [] for name, b in flat.blocks.items() if _late(b)}
         self.random = np.random.default_rng(seed)
         self.noise = noise
-        self.still = {name: _is_still(self, name) for name in self.past}
+        self.still = {name: _stands_still(self, name) for name in self.past}
 
     def run(
         self, steps: int, rows: tuple[tuple[float, ...], ...], weights: tuple[float, ...]
@@ -132,18 +132,21 @@ def _late(block: Any) -> bool:
     return type(block).__name__ in ("Delay", "DeadTime")
 
 
-def _is_still(model: Reference, name: str) -> bool:
-    """Whether what drives a delay stands still within steps."""
-    flat, seen, left = model.flat, set[Signal](), [model.flat.driver[name, "u"]]
+def _stands_still(model: Reference, name: str) -> str:
+    """Whether what drives a delay stands still within steps: "" where it does not, by "samples" or by an "input"."""
+    flat, seen, left, why = model.flat, set[Signal](), [model.flat.driver[name, "u"]], "samples"
     while left:
         signal = left.pop()
         block = flat.blocks.get(signal[0])
         if signal in seen or (block is not None and block.sampled):
             continue
         seen.add(signal)
-        if block is None or type(block).__name__ in ("DeadTime", "Recorded"):  # samples may lie within steps
-            return False
-        if type(block).__name__ == "Delay":
+        if block is None and model.inputs[signal[1]].hold == "zero":
+            why = "input"
+            continue
+        if block is None or type(block).__name__ == "Recorded":  # samples may lie within steps
+            return ""
+        if _late(block):
             left.append(flat.driver[signal[0], "u"])
             continue
         one, read = model.laws[signal[0]], set[str]()
@@ -155,9 +158,9 @@ def _is_still(model: Reference, name: str) -> bool:
             or any(f"x.{key}" in read for key in one.rates)
             or any((signal[0], k) not in flat.driver for k in read if k[:2] != "x.")
         ):
-            return False
+            return ""
         left += [flat.driver[signal[0], k] for k in read if k[:2] != "x."]
-    return True
+    return why
 
 
 class Instant:
@@ -283,9 +286,11 @@ class Instant:
         nearest = round(wanted)
         wanted = float(nearest) if abs(wanted - nearest) < 1e-9 else wanted
         first = (past[0] if past else here) if now and block.start == "first" else block.initial
+        if self.model.still[name] and (now or self.model.still[name] == "input"):
+            return _mean_over_step([*past[: self.k], here if now else math.nan], first, self.k - T / h)
         if wanted < 0 or (self.offset == 1.0 and abs(wanted) < 1e-9):  # the end of a step is just before a jump
             return first
-        if self.model.still[name] and not now:
+        if self.model.still[name]:
             return past[min(math.floor(wanted), len(past) - 1)] if past else first
         if now and wanted > len(past) - 1:
             points = [*range(max(len(past) - 3, 0), len(past))]
@@ -320,6 +325,14 @@ class Instant:
         model.solution[key], model.noise = z, quiet
         missed(z)  # what is read from now on is what this solution gives
         self.solved = True
+
+
+def _mean_over_step(levels: list[float], before: float, begin: float) -> float:
+    """The mean of a staircase over a step that begins at ``begin`` [steps]; it is ``before`` up to 0."""
+    steps = [math.floor(begin + 1e-9), math.floor(begin + 1e-9) + 1]
+    share = max(begin - steps[0], 0.0)  # of the step, what lies on the second level
+    first, second = (levels[k] if k >= 0 else before for k in (steps[0], min(steps[1], len(levels) - 1)))
+    return first if share < 1e-9 else (1 - share) * first + share * second
 
 
 def _newton(missed: Callable[[np.ndarray], np.ndarray], z: np.ndarray) -> np.ndarray:
