@@ -1,10 +1,10 @@
 """The diagnosis with default options on benches that were made without knowledge of its method.
 
-    python tests/benchmarks/independent.py --group nulls --seeds 0:36 [--workers 2] [--out FILE.jsonl]
+    python tests/benchmarks/independent.py --group nulls --seeds 0:36 [--workers 2] [--floor] [--out FILE.jsonl]
 
-Cases (``independent_cases.py``) have forms, noise and starts of their own; nothing is said about noise, holds or names
-of free parameters. A name counts as right where it is one of ``RIGHT``. Each case goes into FILE.jsonl as it is done;
-started again, the command goes on where it was stopped.
+Cases (``independent_cases.py``) have forms, noise and starts of their own; nothing is said about holds, names of free
+parameters, or without ``--floor`` about the noise. A name counts as right where it is one of ``RIGHT``. Each case goes
+into FILE.jsonl as it is done; started again, the command goes on where it was stopped.
 """
 
 from __future__ import annotations
@@ -64,15 +64,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--group", default="nulls", help="nulls, single, outside, pairs or motor")
     parser.add_argument("--seeds", default="0:9", metavar="A:B", help="first seed, and the one after the last (0:9)")
     parser.add_argument("--workers", type=int, default=2, help="processes side by side (2)")
+    parser.add_argument("--floor", action="store_true", help="give the noise of the sensor")
     parser.add_argument("--out", type=Path, default=Path("independent.jsonl"), metavar="FILE", help="one case a line")
     args = parser.parse_args(arguments)
-    wanted = [(args.group, seed) for seed in range(*map(int, args.seeds.split(":")))]
-    done = {(row["group"], row["seed"]): row for row in rows(args.out)}
+    wanted = [(args.group, seed, args.floor) for seed in range(*map(int, args.seeds.split(":")))]
+    done = {(row["group"], row["seed"], row.get("floor", False)): row for row in rows(args.out)}
     todo = [case for case in wanted if case not in done]
     context = multiprocessing.get_context("spawn")
     with context.Pool(args.workers, maxtasksperchild=4) as pool, args.out.open("a", encoding="utf-8") as file:
         for row in pool.imap_unordered(diagnosed, todo):
-            done[row["group"], row["seed"]] = row
+            done[row["group"], row["seed"], row["floor"]] = row
             file.write(json.dumps(row) + "\n")
             file.flush()
             print(line(row), flush=True)
@@ -85,18 +86,20 @@ def rows(path: Path) -> list[dict[str, Any]]:
     return [json.loads(text) for text in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
 
 
-def diagnosed(which: tuple[str, int]) -> dict[str, Any]:
+def diagnosed(which: tuple[str, int, bool]) -> dict[str, Any]:
     """One case: its truth, and what the diagnosis says of it."""
     import independent_cases
 
-    group, seed = which
+    group, seed, floor = which
     case = independent_cases.build(group, seed)
     records = {k: tsm.Record(k, r["t"], r["signals"], r["units"]) for k, r in case.recordings.items()}
-    row: dict[str, Any] = dict(group=group, seed=seed, base=case.truth["base"], noise=case.truth["noise"]["kind"])
+    row: dict[str, Any] = dict(
+        group=group, seed=seed, floor=floor, base=case.truth["base"], noise=case.truth["noise"]["kind"]
+    )
     row |= dict(truth=[e["effect"] for e in case.truth["effects"]], excess=case.truth["excess"], sigma=case.sigma)
     began = time.perf_counter()
     try:
-        found = tsm.diagnose(tsm.loads(case.base), records)
+        found = tsm.diagnose(tsm.loads(case.base), records, noise_floor=case.sigma if floor else None)
     except tsm.errors.TsmError as fault:
         return row | dict(verdict="error", names=[str(fault)], seconds=time.perf_counter() - began)
     names = [[e.name, *e.also_possible] for e in found.effects]
