@@ -187,8 +187,8 @@ class Delay(Block):
 
     It is interpolated by the cubic through four instants. A signal that is constant within steps (samples, a relay, a
     Step) is not smoothed: its jumps are kept. Of a held input the output is the mean of the delayed signal over each
-    step, which is the signal itself where T is a whole number of steps. In a signal that also moves, a jump is spread
-    over one step.
+    step, which is the signal itself where T is a whole number of steps and the input changes at steps. In a signal that
+    also moves, a jump is spread over one step.
     """
 
     source = "definition"

@@ -127,12 +127,16 @@ class FittedCandidate:
 
 
 def held_out_losses(model: Model, blocks: TimeBlocks, shrinkage: Shrinkage) -> tuple[np.ndarray, np.ndarray]:
-    """Held-out losses of a model by blocks (B,), by folds and by whole experiments."""
+    """Held-out losses of a model by blocks (B,), by folds and by whole experiments.
+
+    Of an experiment that is held out whole no other one determines what is its own: that is fitted to it.
+    """
     ridge, null = ridge_weights(shrinkage, model)
+    common = np.where(model.is_local, 0.0, ridge)
     with np.errstate(all="ignore"):  # a model that diverges has losses that are not finite, and is not named
         return (
             blocks.losses(held_out_residuals(model, blocks.fold, ridge, null)),
-            blocks.losses(held_out_residuals(model, blocks.experiment, ridge, null)),
+            blocks.losses(held_out_residuals(model, blocks.experiment, common, null)),
         )
 
 

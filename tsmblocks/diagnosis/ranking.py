@@ -80,7 +80,7 @@ def _fitted_row(
     t = float(verdict.t[verdict.ranking.index(one)])
     named, in_set, reason = _outcome(diagnosed, number, searched, one, indistinguishable)
     across = mean_loss(searched.experiment_losses, blocks)
-    several = diagnosed.has_several_experiments
+    several = diagnosed.has_several_experiments and not one.candidate.effect.local
     recorded = recorded_units(one.model.setup)
     removed = across - mean_loss(one.experiment_losses, blocks) if several else float("nan")
     return attrs.evolve(

@@ -101,7 +101,7 @@ def _named(
     indistinguishable, candidate = diagnosed.rounds[k].indistinguishable, diagnosed.named[k].candidate
     effect, point = candidate.effect, in_whole_diagram(candidate.point, diagnosed.part)
     across = None
-    if diagnosed.has_several_experiments:
+    if diagnosed.has_several_experiments and not effect.local:
         whole_losses = [mean_loss(one.experiment_losses, diagnosed.blocks) for one in diagnosed.rounds]
         across = min(_share_removed(whole_losses, k, diagnosed.noise_variance), 1.0)
     others = alternatives_to(diagnosed.named[k], indistinguishable)

@@ -5,6 +5,7 @@ Interpolation between samples (the hold) is done here, at the instants of the st
 
 from __future__ import annotations
 
+import copy
 import math
 from functools import cached_property
 from typing import Any
@@ -56,6 +57,7 @@ class Signal:
         self._check()
         self.hold = found_hold(self.t, self.y, order) if self.hold == AUTO else self.hold
         self._grid = (math.nan, math.nan, False)
+        self._steps: tuple[float, float] | None = None  # start and length of the steps that it is averaged over
 
     def _check(self) -> None:
         check_hold(self.name, self.hold)
@@ -102,6 +104,10 @@ class Signal:
             raise DataError(f"input '{self.name}' is {zero if self.hold == 'zero' else line}")
         if self.hold == "linear" and order == 0:
             return np.interp(t, self.t, self.y)
+        if self._steps is not None:
+            start, step = self._steps
+            begin = start + step * np.floor((t + shift - start) / step)
+            return np.asarray((self._integral(begin + step) - self._integral(begin)) / step)
         last = np.searchsorted(self.t, t + shift, side="right") - 1
         return (self._derivatives if order else self.y)[np.clip(last, 0, len(self.t) - 1)]
 
@@ -121,6 +127,20 @@ class Signal:
             steps = start + step * np.arange(len(self.t))
             self._grid = start, step, bool(np.abs(self.t - steps).max() <= 1e-9 * step)
         return self._grid[2]
+
+    def averaged(self, start: float, step: float) -> Signal:
+        """A held signal that is constant within steps: its mean over each, where it changes between steps."""
+        if self.is_constant_within_steps(start, step):
+            return self
+        made = copy.copy(self)
+        made._steps = (start, step)
+        return made
+
+    def _integral(self, t: np.ndarray) -> np.ndarray:
+        """The integral of a held signal up to ``t``; before its samples it has the first value, and then the last."""
+        ends = np.append(self.t, max(float(np.max(t)), self.t[-1]) + 1.0)
+        whole = np.append(0.0, np.cumsum(self.y * np.diff(ends)))
+        return np.where(t < self.t[0], self.y[0] * (t - self.t[0]), np.interp(t, ends, whole))
 
     def is_constant_within_steps(self, start: float, step: float) -> bool:
         """Whether the signal is held, and changes at steps only."""

@@ -204,20 +204,20 @@ def prepare(
     units = tuple(port.unit for port in diagram.inports.values())
     wanted = tuple((k, diagram.unit(k)) for k in outputs)
     given = inputs(record, diagram, holds, times.grid[-1])
-    signals = functools.cache(lambda: gather_signals(eq, given, times.grid, holds))
+    in_run = functools.cache(lambda: for_inputs(eq, diagram, gather_signals(eq, given, times.grid, holds), start, h))
 
     def rows() -> np.ndarray:
-        return input_rows(signals(), start, h, 0, times.steps, rule.instants)
+        return input_rows(in_run()[1], start, h, 0, times.steps, rule.instants)
 
     def measured() -> np.ndarray:
         return np.stack([signal_of(name, record, k, unit)[cut] for k, unit in wanted], axis=1)
 
     # Tapes belong to one diagram; what was recorded is the same for every candidate of a search.
-    kind = repr((eq.u, tuple(diagram.inports), units, holds, times, rule.instants))
+    kind = repr((eq.u, sorted(eq.delayed_inputs), tuple(diagram.inports), units, holds, times, rule.instants))
     return Experiment(
         name,
         record,
-        for_inputs(eq, diagram, signals(), start, h) if eq.delayed_inputs else eq,
+        in_run()[0] if eq.delayed_inputs else eq,
         rule,
         tuple(eq.y.index(eq.aliases[k]) for k in outputs),
         times,

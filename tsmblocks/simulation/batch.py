@@ -280,7 +280,7 @@ def batch_of(
     times = options.times
     eq = equations(diagram, loops=options.loops)
     signals = options.signals(eq)
-    eq = for_inputs(eq, diagram, signals, times.start, times.h)
+    eq, signals = for_inputs(eq, diagram, signals, times.start, times.h)
     sets, count = parameter_sets(eq, diagram, parameters)
     names, chosen, columns = kept_columns(eq, outputs)
     vary = frozenset(eq.p.index(k) for k in sets)

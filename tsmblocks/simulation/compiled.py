@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -71,15 +71,18 @@ def equations(diagram: Diagram, *, loops: str = SOLVE) -> Equations:
 
 
 def for_inputs(
-    eq: Equations, diagram: Diagram, signals: Sequence[tuple[Signal, int]], start: float, step: float
-) -> Equations:
-    """The equations of a diagram (``eq``) for a run with these inputs, from ``start`` in steps of ``step`` [s].
+    eq: Equations, diagram: Diagram, signals: list[tuple[Signal, int]], start: float, step: float
+) -> tuple[Equations, list[tuple[Signal, int]]]:
+    """The equations of a diagram (``eq``) and its inputs for a run from ``start`` in steps of ``step`` [s].
 
-    They differ where a held input is delayed: its past is constant within steps then, and not a curve through them.
+    Where a held input is delayed its past is constant within steps, and not a curve through them; so is the input then,
+    which is averaged over the steps in which it changes.
     """
-    alone = [(f, one) for f, (one, _) in zip(eq.u, signals, strict=True) if f.name in eq.delayed_inputs and not f.order]
-    held = frozenset(feed.name for feed, one in alone if not feed.block and one.is_constant_within_steps(start, step))
-    return with_held(eq, diagram, held) if any(one.name in held and len(one.t) > 2 for _, one in alone) else eq
+    delayed = {one.name: one for one, _ in signals if one.name in eq.delayed_inputs and one.hold == "zero"}
+    made = with_held(eq, diagram, delayed) if any(len(one.t) > 2 for one in delayed.values()) else eq
+    if made is eq:
+        return eq, signals
+    return made, [(one.averaged(start, step) if one.name in delayed else one, order) for one, order in signals]
 
 
 def with_held(eq: Equations, diagram: Diagram, inputs: Iterable[str]) -> Equations:

@@ -86,7 +86,7 @@ def sensitivities_of(
     run_to_their_end(diagram, "a run with sensitivities")
     times, eq = options.times, equations(diagram, loops=options.loops)
     signals = options.signals(eq)
-    eq = for_inputs(eq, diagram, signals, times.start, times.h)
+    eq, signals = for_inputs(eq, diagram, signals, times.start, times.h)
     base, known = parameter_vector(eq, diagram), [parameter_index(eq, name, diagram) for name in names]
     (shown, chosen, columns), lanes = kept_columns(eq, outputs), directions(len(known))
     kernel = tangent_kernel(eq, options.rule, chosen, lanes, options.backend)

@@ -145,7 +145,8 @@ def simulate(
     condition = stop_condition(eq, text) if (text := condition_of(diagram, stop_when)) else None
     chosen, names = logged_signals(eq, log, times, condition.signals if condition else ())
     rule, p, h, signals = options.rule, parameter_vector(eq, diagram), times.h, options.signals(eq)
-    eq, chosen = with_determinants(for_inputs(eq, diagram, signals, times.start, h), chosen)
+    eq, signals = for_inputs(eq, diagram, signals, times.start, h)
+    eq, chosen = with_determinants(eq, chosen)
     kernel = single_kernel(eq, rule, chosen, backend)
     if isinstance(initial, SavedState):  # instants are counted from the start of the run that is continued
         memory = restored_memory(initial, eq, start_memory(eq, kernel, p, h, None), h)
