@@ -99,7 +99,9 @@ def diagnosed(which: tuple[str, int, bool]) -> dict[str, Any]:
     row |= dict(truth=[e["effect"] for e in case.truth["effects"]], excess=case.truth["excess"], sigma=case.sigma)
     began = time.perf_counter()
     try:
-        found = tsm.diagnose(tsm.loads(case.base), records, noise_floor=case.sigma if floor else None)
+        base = tsm.loads(case.base)
+        unit = next(r for r in records.values()).unit(next(iter(base.outputs)))
+        found = tsm.diagnose(base, records, noise_floor=f"{case.sigma}{unit}" if floor else None)
     except tsm.errors.TsmError as fault:
         return row | dict(verdict="error", names=[str(fault)], seconds=time.perf_counter() - began)
     names = [[e.name, *e.also_possible] for e in found.effects]
