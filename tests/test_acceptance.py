@@ -92,7 +92,7 @@ def test_a_second_effect_carries_over_to_experiments_that_are_held_out(across, c
         one.experiment_losses = np.array([loss])
     assert accepted_count(made, several) == count
     assert accepted_count(made, SEARCH) == 2  # a single experiment
-    own = rounds([9.0, 3.0, 1.0], [FRICTION, ("parameter_change", "drift, own sizes")])
+    own = rounds([9.0, 3.0, 1.0], [FRICTION, ("parameter_change", "drift, separate sizes")])
     for one, loss in zip(own, across, strict=True):
         one.experiment_losses = np.array([loss])
     assert accepted_count(own, several) == 2  # a size in each experiment cannot carry over

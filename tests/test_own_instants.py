@@ -42,7 +42,7 @@ def test_a_jump_at_an_instant_of_its_own_in_each_recording_is_one_effect():
     for k, (size, instant) in enumerate(zip(sizes, instants, strict=True), start=1):
         assert values[f"time@r{k}"].value == pytest.approx(instant, abs=0.03)
         assert values[f"size@r{k}"].value == pytest.approx(size, abs=0.001)
-    assert "in r2, where it is largest" in str(found)
+    assert "in r2, where it is largest" in " ".join(str(found).split())
 
 
 def test_changes_that_come_and_go_at_many_instants_are_not_named():
@@ -102,3 +102,17 @@ def test_a_hum_at_half_of_the_sampling_rate_is_named():
     hum = recordings(lambda t, x, k: 2 * SIGMA * np.sin(2 * np.pi * 25.01 * t + phase[k]), steps=(0.01, 0.01, 0.02))
     found = tsm.diagnose(BASE, hum, effects=OF_TIME)
     assert [one.name for one in found.effects] == ["periodic_disturbance"]
+
+
+def test_the_recordings_in_which_nothing_changes_are_named_and_not_listed():
+    """Their sizes and instants are those of noise: five lines of cautions were on them."""
+    found = tsm.diagnose(BASE, recordings(lambda t, x, k: 0.012 * (t > 6.37) * (k == 1)), effects=OF_TIME)
+    assert [one.name for one in found.effects] == ["jump"]
+    (jump,) = found.effects
+    assert jump.absent_in == ("r1", "r3")
+    told = " ".join(str(found).split())
+    assert "s, in r2 only)" in told
+    assert "not detectable in r1 and r3" in told
+    assert not any("@r1" in text or "@r3" in text for text in found.segments[0].cautions)
+    assert "size@r1" in found.details()
+    assert found.to_dict()["effects"][0]["absent_in"] == ["r1", "r3"]

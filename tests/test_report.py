@@ -290,8 +290,8 @@ def test_what_is_left_after_all_that_was_named_is_told():
     small = attrs.evolve(NAMED.ranking[0], round=2, named=False, name="dead_zone", why_not=NOT_ACCEPTED)
     with_small = verdict_text.verdict_sentence(attrs.evolve(more, ranking=(*NAMED.ranking, small)))
     assert (
-        "That is still 1.7 times the noise floor. dead_zone would remove a part of it, as small as an error in its form "
-        "may be." in with_small
+        "That is still 1.7 times the noise floor. Adding dead_zone reduces it, but by no more than a small error in the "
+        "form of backlash would explain, so it is not named." in with_small
     )
     first = tuple(r for r in NAMED.ranking if r.round == 1)
     assert f"a residual that was not examined further, {predicted}" in verdict_text.verdict_sentence(

@@ -34,8 +34,8 @@ ROWS = (
     ranked("backlash", 0.9, named=True, in_set=True),
     ranked("hysteresis", 0.9, in_set=True, why_not="indistinguishable"),
     ranked("resonance", 1.0, variant="parallel", why_not="ends at a bound (zeta)", at_bound=("zeta",)),
-    ranked("jump", 0.3, variant="drive, own sizes and times", why_not="not significant"),
-    ranked("drift", 0.4, variant="own sizes", why_not="not significant"),
+    ranked("jump", 0.3, variant="drive, separate sizes and times", why_not="not significant"),
+    ranked("drift", 0.4, variant="separate sizes", why_not="not significant"),
 )
 SEEN = attrs.evolve(NAMED, ranking=ROWS)
 
@@ -49,13 +49,13 @@ def test_candidates_come_in_the_order_of_what_they_removed_and_those_at_a_bound_
         text = of(SEEN).details()
     (table,) = [part for part in text.split("\n\n") if part.startswith("candidates, round 1")]
     names = [line[2:].split("  ")[0].strip() for line in table.splitlines()[2:7]]
-    assert names[:4] == ["resonance (parallel)", "backlash", "hysteresis", "drift (own sizes)"]
-    assert names[4] == "jump (drive, own sizes and times)"
+    assert names[:4] == ["resonance (parallel)", "backlash", "hysteresis", "drift (separate sizes)"]
+    assert names[4] == "jump (drive, separate sizes and times)"
     reasons = table[table.index("why not named:") : table.index("\nVariants:")].replace("\n  ", " ").splitlines()
     assert reasons == [
         "why not named:",
         "- ends at a bound (zeta): resonance (parallel)",
-        "- not significant: drift (own sizes), jump (drive, own sizes and times)",
+        "- not significant: drift (separate sizes), jump (drive, separate sizes and times)",
     ]
 
 
@@ -72,9 +72,9 @@ def test_a_wide_terminal_has_the_reasons_in_a_column():
 def test_variants_are_explained_once_below_the_table_in_which_they_are_first():
     later = attrs.evolve(SEEN, ranking=(*SEEN.ranking, *(attrs.evolve(r, round=2) for r in SEEN.ranking)))
     words = (
-        "Variants: parallel: a further mode, added to the output of the model; own sizes: with a separate size in each "
-        "recording; drive: on the signal that drives the plant; own sizes and times: with a separate size at a "
-        "separate instant in each recording."
+        "Variants: parallel: a further mode, added to the output of the model; separate sizes: one size for each "
+        "recording; drive: on the signal that drives the plant; separate sizes and times: one size, at one instant, "
+        "for each recording."
     )
     with as_wide_as(100):
         first, second = (part for part in of(later).details().split("\n\n") if part.startswith("candidates, round"))

@@ -52,8 +52,8 @@ def test_a_simpler_variant_of_an_effect_that_was_left_out_has_its_turn():
         for free, local, variant in (
             (("share", "time"), (), ""),
             (("share",), (), "broad"),
-            (("share",), ("share",), "own sizes"),
-            (("share", "width"), (), "bow"),
+            (("share",), ("share",), "separate sizes"),
+            (("share", "width"), (), "middle and ends"),
         )
     )
     assert undetermined._may_follow(narrow, wide)

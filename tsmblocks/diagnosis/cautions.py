@@ -72,7 +72,7 @@ def cautions(fit: Fit, across: Mapping[str, float | None], complete: bool = True
     ``across`` is that of ``do_not_carry_over``, for each block that was added; ``complete`` is False where the model
     leaves more than noise.
     """
-    every, others = estimate_cautions(fit), _without_states(fit)
+    every, others = estimate_cautions(fit), estimate_cautions(without(fit, _states(fit)))
     few = len(every) - len(others) <= MAX_STATE_CAUTIONS
     estimates = every if few else [*others, *_on_states(fit)]
     first = [*taken_over(fit, across), *do_not_carry_over(across), *([] if complete else [INCOMPLETE])]
@@ -84,14 +84,16 @@ def _states(fit: Fit) -> set[str]:
     return {e.name for e in fit if e.is_start and "@" in e.name}
 
 
-def _without_states(fit: Fit) -> list[str]:
-    """The cautions on all but initial states."""
-    states = _states(fit)
-    own = np.array([name in states for name in fit.names])
+def without(fit: Fit, names: Collection[str]) -> Fit:
+    """A fit without the correlations, active bounds and indistinguishable combinations of some unknowns."""
+    some = set(names)
+    own = np.array([name in some for name in fit.names], dtype=bool)
+    if not own.any():
+        return fit
     covariance = np.where(own[:, None] | own[None, :], 0.0, fit.covariance)
-    undetermined = tuple(u for u in fit.undetermined if states.isdisjoint(u.names))
-    active = tuple(text for text in fit.active if states.isdisjoint(text.split()))
-    return estimate_cautions(attrs.evolve(fit, covariance=covariance, undetermined=undetermined, active=active))
+    undetermined = tuple(u for u in fit.undetermined if some.isdisjoint(u.names))
+    active = tuple(text for text in fit.active if some.isdisjoint(text.split()))
+    return attrs.evolve(fit, covariance=covariance, undetermined=undetermined, active=active)
 
 
 def _on_states(fit: Fit) -> list[str]:

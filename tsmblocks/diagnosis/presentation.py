@@ -9,6 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.rounding import LARGEST_PLAIN, plus_minus, significant
+from tsmblocks.common.tables import listed
 from tsmblocks.common.units import display_unit, heading
 from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
@@ -79,14 +80,29 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     if not effect.sizes:
         main = main_parameter(effect, segment)
         name, _, experiment = main.partition("@")
-        return [_with_name(name.rpartition(".")[2], with_interval(effect.parameters[main]), experiment)] if main else []
+        where = _in_experiment(experiment) if experiment else ""
+        return [f"{name.rpartition('.')[2]} {with_interval(effect.parameters[main])}{where}"] if main else []
     parts = {key: key.partition("@") for key in effect.sizes}
     first = next((name for name, at, _ in parts.values() if at), "")
     local = [key for key, (name, at, _) in parts.items() if at and name == first]
     clear = [key for key in local if effect.sizes[key].low > 0 or effect.sizes[key].high < 0]
     largest = parts[max(clear or local, key=lambda key: abs(effect.sizes[key].value))][2] if local else ""
     shown = [key for key, (_, _, experiment) in parts.items() if experiment in ("", largest)]
-    return [_with_name(parts[key][0], size_text(effect, key), parts[key][2]) for key in shown][:MAX_SIZES]
+    texts = [f"{parts[key][0]} {size_text(effect, key)}" for key in shown][:MAX_SIZES]
+    if largest and any(parts[key][2] for key in shown[:MAX_SIZES]):
+        texts[-1] += _in_experiment(largest, only=len(local) - len(effect.absent_in) == 1)
+    return texts
+
+
+def size_rows(effect: NamedEffect) -> list[tuple[str, str]]:
+    """Names and texts of the sizes of an effect, without those of experiments in which it is absent."""
+    seen = [name for name in effect.sizes if name.partition("@")[2] not in effect.absent_in]
+    return [(name, size_text(effect, name)) for name in seen]
+
+
+def absence_text(effect: NamedEffect) -> str:
+    """In words the experiments in which an effect with separate sizes is not detectable; empty where there are none."""
+    return f"not detectable in {listed(effect.absent_in, 6)}" if effect.absent_in else ""
 
 
 def size_text(effect: NamedEffect, name: str) -> str:
@@ -95,8 +111,8 @@ def size_text(effect: NamedEffect, name: str) -> str:
     return f"{text}, {force}" if force else text
 
 
-def _with_name(name: str, text: str, experiment: str) -> str:
-    return f"{name} {text}" + (f" in {experiment}, where it is largest" if experiment else "")
+def _in_experiment(experiment: str, only: bool = False) -> str:
+    return f", in {experiment} only" if only else f" in {experiment}, where it is largest"
 
 
 def output_traces(segment: Segment, output: str) -> tuple[Trace, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 import attrs
@@ -94,16 +94,22 @@ class Estimate:
 
         The confidence interval of at least one excludes zero, at a level that allows for the largest of q (Sidak).
         """
-        from scipy.special import ndtri
+        own = self._zero_without(candidate, self.sizes(candidate))
+        return not own or _any_clear(own.values())
 
-        effect = candidate.effect
+    def absent_in(self, candidate: Candidate, sizes: Mapping[str, Quantity]) -> tuple[str, ...]:
+        """The experiments in which none of the ``sizes`` that are zero without the effect is clear of zero."""
+        by_experiment = dict[str, list[Quantity]]()
+        for key, one in self._zero_without(candidate, sizes).items():
+            by_experiment.setdefault(key.partition("@")[2], []).append(one)
+        absent = [name for name, own in by_experiment.items() if name and not _any_clear(own)]
+        return tuple(absent) if len(absent) < len(by_experiment) else ()
+
+    def _zero_without(self, candidate: Candidate, sizes: Mapping[str, Quantity]) -> dict[str, Quantity]:
+        """Those of the sizes of an effect that are zero without it."""
         values = {k.removeprefix(f"{candidate.block}."): v for k, v in self.model.values.items()}
-        without = _sizes_with(candidate, {**values, **effect.null}, _units(candidate, self.recorded))
-        own = [
-            one for key, one in self.sizes(candidate).items() if without.get(key.partition("@")[0], (1.0, ""))[0] == 0
-        ]
-        wider = ndtri((1 + LEVEL ** (1 / max(len(own), 1))) / 2) / ndtri((1 + LEVEL) / 2)
-        return not own or any(abs(one.value) > wider * (one.high - one.low) / 2 for one in own)
+        null = _sizes_with(candidate, {**values, **candidate.effect.null}, _units(candidate, self.recorded))
+        return {key: one for key, one in sizes.items() if null.get(key.partition("@")[0], (1.0, ""))[0] == 0}
 
     def forces(self, candidate: Candidate, sizes: Mapping[str, Quantity]) -> dict[str, str]:
         """In phrases what ``sizes`` of an effect that are accelerations are as forces, by the name of the size."""
@@ -160,6 +166,14 @@ class Estimate:
         freedom = self.freedom[rows].min(initial=np.inf)  # the least of those it depends on is on the safe side
         low, high = intervals(np.array([value]), np.array([[max(variance, 0.0)]]), np.array([freedom]))
         return Quantity(value, float(low[0]), float(high[0]), unit)
+
+
+def _any_clear(sizes: Collection[Quantity]) -> bool:
+    """Whether the interval of at least one size excludes zero, at a level that allows for the largest of q (Sidak)."""
+    from scipy.special import ndtri
+
+    wider = ndtri((1 + LEVEL ** (1 / max(len(sizes), 1))) / 2) / ndtri((1 + LEVEL) / 2)
+    return any(abs(one.value) > wider * (one.high - one.low) / 2 for one in sizes)
 
 
 def detectable_size(

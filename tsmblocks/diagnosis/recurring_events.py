@@ -84,7 +84,7 @@ def _imitations(
     alone = [one for k, one in enumerate(own) if not any(_harmonic(last, one, other) for other in own[:k])]
     if len(alone) > MAX_OWN:
         return own
-    loops = [one for one in sudden if one.candidate.effect.variant.startswith("loop")]
+    loops = [one for one in sudden if one.candidate.effect.variant.startswith("hysteresis")]
     everywhere = [one for one in loops if _is_everywhere(last, base, one)]
     if loops and _explain_everything(rounds, search):
         return everywhere if len(named) > 1 else []

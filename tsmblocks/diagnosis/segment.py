@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.cautions import FAR_ABOVE, MAYBE, cautions
+from tsmblocks.diagnosis.cautions import FAR_ABOVE, MAYBE, cautions, without
 from tsmblocks.diagnosis.settings import FloorParts, Simulated
 from tsmblocks.fitting.result import Fit
 from tsmblocks.model.diagram import Diagram
@@ -34,7 +34,8 @@ class NamedEffect:
     are measurable quantities (an amplitude, a gap, a frequency), derived from ``parameters``, the most informative
     first; empty for an effect that defines none. ``other_places`` are the insertion points at which the same effect is
     indistinguishable from this one, ``other_forms`` its indistinguishable variants, and ``why_named`` why it is named
-    rather than those. ``as_force`` says of sizes that are accelerations what they are as forces.
+    rather than those. ``as_force`` says of sizes that are accelerations what they are as forces. ``absent_in`` are the
+    experiments in which no size is clear of zero, of an effect with separate sizes in each.
     """
 
     name: str
@@ -54,6 +55,12 @@ class NamedEffect:
     other_forms: tuple[str, ...] = ()
     why_named: str = ""
     as_force: Mapping[str, str] = attrs.field(factory=dict)
+    absent_in: tuple[str, ...] = ()
+
+    @property
+    def unseen(self) -> set[str]:
+        """Names of its parameters in the experiments in which it is absent, as in the fit."""
+        return {f"{self.block}.{name}" for name in self.parameters if name.partition("@")[2] in self.absent_in}
 
 
 @attrs.frozen
@@ -226,4 +233,7 @@ class Segment:
         """Warnings on the effects and on the parameters of the last model, the latter as a fit of it would give."""
         across = {e.block: e.across for e in self.effects}
         far = self.verdict == "none" and any(g.held_out[0] > FAR_ABOVE * g.noise_floor > 0 for g in self.gaps)
-        return () if self.fit is None else (*[MAYBE] * far, *cautions(self.fit, across, complete=self.complete))
+        if self.fit is None:
+            return ()
+        seen = without(self.fit, {name for effect in self.effects for name in effect.unseen})
+        return (*[MAYBE] * far, *cautions(seen, across, complete=self.complete))

@@ -134,6 +134,7 @@ def _named(
         tuple(forms),
         why_named(same, [one for one in others if one is not same]),
         estimate.forces(candidate, sizes),
+        estimate.absent_in(candidate, sizes),
     )
 
 

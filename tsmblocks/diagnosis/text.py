@@ -13,7 +13,15 @@ from tsmblocks.diagnosis.lines import bullets, cut, filled, of_segment
 from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.next_steps import next_steps
-from tsmblocks.diagnosis.presentation import digits, display_unit, fitted_rms, output_traces, size_text, with_interval
+from tsmblocks.diagnosis.presentation import (
+    absence_text,
+    digits,
+    display_unit,
+    fitted_rms,
+    output_traces,
+    size_rows,
+    with_interval,
+)
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, Segment
 from tsmblocks.diagnosis.verdict_text import alternatives, percent, segments_by_verdict, verdict_sentence, verdict_word
@@ -118,9 +126,9 @@ def _residual_location(segment: Segment) -> list[str]:
 
 def _sizes(effect: NamedEffect) -> str:
     """The sizes of an effect, or the parameters of its block where it has none."""
-    rows = [[name, size_text(effect, name)] for name in effect.sizes]
-    rows = rows or [[name, with_interval(q)] for name, q in effect.parameters.items()]
-    return f"{effect.block} ({effect.name}):\n{columns(rows, '  ', left=(0, 1))}"
+    rows = size_rows(effect) or [(name, with_interval(q)) for name, q in effect.parameters.items()]
+    absent = [filled(absence_text(effect), "  ")] if effect.absent_in else []
+    return "\n".join([f"{effect.block} ({effect.name}):", columns(rows, "  ", left=(0, 1)), *absent])
 
 
 def _changes(diagnosis: Diagnosis) -> list[str]:

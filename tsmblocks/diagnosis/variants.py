@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from tsmblocks.diagnosis.segment import RankedCandidate
 
 VARIANT_WORDS = {
-    "own sizes": "with a separate size in each recording",
-    "own sizes and times": "with a separate size at a separate instant in each recording",
+    "separate sizes": "one size for each recording",
+    "separate sizes and times": "one size, at one instant, for each recording",
     "input": "in front of the model",
     "output": "at the output of the model",
-    "across": "on the output, depending on the input",
+    "by the input": "on the output, driven by the input",
     "drive": "on the signal that drives the plant",
     "speed": "where the measured motion is a speed",
     "force": "of the force, as the cogging of a motor",
@@ -19,16 +19,15 @@ VARIANT_WORDS = {
     "inside": "inside the model, between two parts of the transmission",
     "deflection": "in the deflection of an elastic part",
     "transmission": "between input and output, as hysteresis whose width depends on the speed",
-    "loop": "of the width of the hysteresis, which may be zero before",
-    "loop of the input": "of the width of the hysteresis, by the motion of the input",
+    "hysteresis": "of its width, which may be zero before",
     "gain": "of the gain, at one instant",
     "drift": "of the gain, at a constant rate",
-    "low": "at the low end of the range only",
-    "high": "at the high end of the range only",
-    "bow": "the slope differs between the middle of the range and its ends",
+    "low end": "at the low end of the range only",
+    "high end": "at the high end of the range only",
+    "two in a row": "one behind the other",
+    "middle and ends": "the slope differs between the middle of the range and its ends",
     "soft": "with a gradual transition",
     "soft drive": "with a gradual transition, on the signal that drives the plant",
-    "twice": "two of them in a row",
     "two harmonics": "with a part of twice the frequency",
     "parallel": "a further mode, added to the output of the model",
     "base-excited": "the damper moves with the base, so that fast motion passes",
@@ -42,7 +41,7 @@ VARIANT_WORDS = {
 
 
 def parts_of(variant: str) -> list[str]:
-    """The parts of the name of a variant: ``loop, own sizes`` has two."""
+    """The parts of the name of a variant: ``hysteresis, separate sizes`` has two."""
     return [part for part in variant.split(", ") if part]
 
 

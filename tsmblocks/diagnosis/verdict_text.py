@@ -240,8 +240,11 @@ def _remaining(segment: Segment, gap: Gap) -> str:
     still = f"That is still {gap.held_out[-1] / gap.noise_floor:.1f} times the noise floor"
     small = next((r for r in further if r.why_not == NOT_ACCEPTED), None)
     if small is not None:
-        forms = "its form" if len(segment.effects) == 1 else "their forms"
-        return f"{still}. {candidate_title(small)} would remove a part of it, as small as an error in {forms} may be."
+        form = f"form of {segment.effects[0].block}" if len(segment.effects) == 1 else "forms of the named effects"
+        return (
+            f"{still}. Adding {candidate_title(small)} reduces it, but by no more than a small error in the {form} "
+            "would explain, so it is not named."
+        )
     why = f"that {_none_tried(segment)}" if further else "that was not examined further"
     share = percent(segment.predictable[1])
     known = "" if segment.irregular else f", though the recorded signals predict {share} of its mean square"

@@ -177,7 +177,11 @@ EFFECTS = (
     LAG,
     in_front(LAG, "a first-order lag in front of the model"),
     attrs.evolve(
-        LAG, words="two first-order lags in a row", block=TWO_LAGS, variant="twice", sizes=(TIME_CONSTANT_OF_EACH,)
+        LAG,
+        words="two first-order lags in a row",
+        block=TWO_LAGS,
+        variant="two in a row",
+        sizes=(TIME_CONSTANT_OF_EACH,),
     ),
     RESONANCE,
     BASE_EXCITED,
@@ -195,5 +199,5 @@ EFFECTS = (
         sizes=(FREQUENCY, DAMPING),
     ),
     RATE_DEPENDENCE,
-    across(RATE_DEPENDENCE, "rate", "across"),
+    across(RATE_DEPENDENCE, "rate", "by the input"),
 )

@@ -185,7 +185,7 @@ EFFECTS = (
     ASYMMETRY,
     on_input(ASYMMETRY, "loop"),
     MEMORY,
-    across(MEMORY, "memory", "across"),
+    across(MEMORY, "memory", "by the input"),
     POSITION_DEPENDENCE,
     on_input(POSITION_DEPENDENCE, "loop"),
 )

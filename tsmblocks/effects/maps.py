@@ -154,7 +154,7 @@ def _slack(side: str) -> Effect:
         excites="motion into the slack range",
         confused=("even_nonlinearity", "position_ripple"),
         separates="a slow ramp over the full range, at two pretensions",
-        variant=side,
+        variant=f"{side} end",
         sizes=(in_proportion("slope lost", "share", "%", PERCENT), in_proportion("edge", "edge")),
     )
 
@@ -288,7 +288,7 @@ EFFECTS = (
         null={"size": 0.0},
         free=("size", "width", "centre"),
         trials=_bow_trials,
-        variant="bow",
+        variant="middle and ends",
         sizes=(
             Size("slope added in the middle", lambda p, _: PERCENT * p["size"] / p["width"], "%"),
             in_proportion("half width of the middle", "width"),

@@ -45,7 +45,7 @@ EFFECTS = (
     attrs.evolve(
         OFFSET,
         trials=lambda scales: None if scales.one_clock else OFFSET.trials(scales),
-        variant="own sizes",
+        variant="separate sizes",
         local=("bias",),
     ),
 )

@@ -109,7 +109,7 @@ def _own(effect: Effect, instant: str = "") -> Effect:
     return attrs.evolve(
         effect,
         trials=lambda scales: None if scales.one_clock else effect.trials(scales),
-        variant=f"{effect.variant}, own sizes{' and times' if instant else ''}".lstrip(", "),
+        variant=f"{effect.variant}, separate sizes{' and times' if instant else ''}".lstrip(", "),
         local=(*effect.null, *filter(None, [instant])),
         sizes=tuple(one for one in effect.sizes if one.value is not _whole_drift),  # each recording has its length
     )
@@ -184,10 +184,10 @@ LOOP_CHANGE = attrs.evolve(
     null={"change": 0.0, "gain": 0.0},
     free=("change", "gain", "distance", "time"),
     trials=_loop_change_trials,
-    variant="loop",
+    variant="hysteresis",
     sizes=(Size("change of the loop's width", lambda p, _: -2 * p["change"]), _CHANGE_OF_GAIN_TOO, AT),
 )
-LOOP_CHANGE_OF_INPUT = across(LOOP_CHANGE, "loop", "loop of the input")
+LOOP_CHANGE_OF_INPUT = across(LOOP_CHANGE, "loop", "hysteresis, by the input")
 CREEP = Effect(
     "creep",
     "time",

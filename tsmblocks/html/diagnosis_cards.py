@@ -7,7 +7,7 @@ import functools
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.next_steps import next_steps
-from tsmblocks.diagnosis.presentation import size_text, with_interval
+from tsmblocks.diagnosis.presentation import absence_text, size_rows, with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.text import STATUS
 from tsmblocks.diagnosis.verdict_text import alternatives, percent, segments_by_verdict, verdict_sentence, verdict_word
@@ -28,8 +28,8 @@ def diagnosis_card(diagnosis: Diagnosis) -> str:
     ]
     table = [("effect", "insertion point", "size", "removes", "indistinguishable from")]
     for e in diagnosis.effects:
-        texts = {k: size_text(e, k) for k in e.sizes} or {k: with_interval(q) for k, q in e.parameters.items()}
-        sizes = "; ".join(f"{name} {text}" for name, text in texts.items())
+        texts = size_rows(e) or [(name, with_interval(q)) for name, q in e.parameters.items()]
+        sizes = "; ".join([*(f"{name} {text}" for name, text in texts), *filter(None, [absence_text(e)])])
         table.append((e.name, e.wire.strip(), sizes, percent(e.share_removed), ", ".join(alternatives(e))))
     gaps = [gap_bars(s, g) for s in diagnosis.segments for g in s.gaps][:MOST_CHARTS]
     colours = [*model_colours(diagnosis.segments), ("ink", "on the data it was fitted to", "hollow")]

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from tsmblocks.common.errors import TsmError
 from tsmblocks.diagnosis.candidate_tables import share_across_experiments
@@ -18,6 +18,7 @@ from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.presentation import (
     DARKEST,
     Profile,
+    absence_text,
     by_excess,
     by_removed,
     digits,
@@ -30,7 +31,7 @@ from tsmblocks.diagnosis.presentation import (
     in_display_units,
     output_traces,
     profile,
-    size_text,
+    size_rows,
     unit_of,
     with_interval,
 )
@@ -230,7 +231,8 @@ def _marked(diagnosis: Diagnosis) -> str:
 
 def _sizes(effect: NamedEffect) -> Markup:
     """The sizes of an effect with intervals, one on each line."""
-    return LINE_BREAK.join(Markup("{} {}").format(name, size_text(effect, name)) for name in effect.sizes)
+    texts = [f"{name} {text}" for name, text in size_rows(effect)]
+    return LINE_BREAK.join(map(escape, [*texts, *filter(None, [absence_text(effect)])]))
 
 
 def _numbers(diagnosis: Diagnosis, effect: NamedEffect) -> Markup:

@@ -23,7 +23,7 @@ from tsmblocks.simulation.arguments import COPIES, RunOptions, TimeGrid, as_diag
 from tsmblocks.simulation.batch_check import SideBySide, finding_of_run
 from tsmblocks.simulation.batch_parameters import parameter_sets
 from tsmblocks.simulation.batch_result import Batch
-from tsmblocks.simulation.compiled import SOLVE, equations, for_inputs, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, for_run, parameter_vector
 from tsmblocks.simulation.lanes import batch_kernel, lane_columns, lane_memory, lanes_for, whole_run
 from tsmblocks.simulation.stability import (
     RunStart,
@@ -279,8 +279,7 @@ def batch_of(
     run_to_their_end(diagram, "a batch")
     times = options.times
     eq = equations(diagram, loops=options.loops)
-    signals = options.signals(eq)
-    eq, signals = for_inputs(eq, diagram, signals, times.start, times.h)
+    eq, signals = for_run(eq, diagram, options)
     sets, count = parameter_sets(eq, diagram, parameters)
     names, chosen, columns = kept_columns(eq, outputs)
     vary = frozenset(eq.p.index(k) for k in sets)

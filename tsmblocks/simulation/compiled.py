@@ -15,7 +15,7 @@ from tsmblocks.engine.equations import Equations
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.arguments import as_diagram
+from tsmblocks.simulation.arguments import RunOptions, as_diagram
 
 SOLVE, REFUSE = "solve", "refuse"
 """The treatment of algebraic loops."""
@@ -83,6 +83,12 @@ def for_inputs(
     if made is eq:
         return eq, signals
     return made, [(one.averaged(start, step) if one.name in delayed else one, order) for one, order in signals]
+
+
+def for_run(eq: Equations, diagram: Diagram, options: RunOptions) -> tuple[Equations, list[tuple[Signal, int]]]:
+    """As ``for_inputs``, with the inputs and the instants of a run. Raises as ``gather_signals`` does."""
+    times = options.times
+    return for_inputs(eq, diagram, options.signals(eq), times.start, times.h)
 
 
 def with_held(eq: Equations, diagram: Diagram, inputs: Iterable[str]) -> Equations:

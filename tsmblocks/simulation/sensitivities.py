@@ -15,7 +15,7 @@ from tsmblocks.engine.sensitivities import Sensitivities, tangent_memory
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, as_diagram, kept_columns, run_to_their_end
 from tsmblocks.simulation.batch_parameters import parameter_index
-from tsmblocks.simulation.compiled import SOLVE, equations, for_inputs, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, for_run, parameter_vector
 from tsmblocks.simulation.lanes import directions, lane_columns, tangent_kernel, whole_run
 
 
@@ -85,8 +85,7 @@ def sensitivities_of(
     diagram = as_diagram(diagram).untied(names)
     run_to_their_end(diagram, "a run with sensitivities")
     times, eq = options.times, equations(diagram, loops=options.loops)
-    signals = options.signals(eq)
-    eq, signals = for_inputs(eq, diagram, signals, times.start, times.h)
+    eq, signals = for_run(eq, diagram, options)
     base, known = parameter_vector(eq, diagram), [parameter_index(eq, name, diagram) for name in names]
     (shown, chosen, columns), lanes = kept_columns(eq, outputs), directions(len(known))
     kernel = tangent_kernel(eq, options.rule, chosen, lanes, options.backend)

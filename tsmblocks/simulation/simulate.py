@@ -15,7 +15,7 @@ from tsmblocks.engine.loops import reports
 from tsmblocks.engine.session import Session, single_kernel, start_memory, steps_per_period
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.arguments import RunOptions, as_diagram, driven, logged_signals
-from tsmblocks.simulation.compiled import SOLVE, equations, for_inputs, parameter_vector
+from tsmblocks.simulation.compiled import SOLVE, equations, for_run, parameter_vector
 from tsmblocks.simulation.divergence import divergence_error
 from tsmblocks.simulation.run import Run
 from tsmblocks.simulation.saved_state import SavedState, memory_names, restored_memory, start_and_step
@@ -144,8 +144,8 @@ def simulate(
     eq = equations(diagram, loops=loops)
     condition = stop_condition(eq, text) if (text := condition_of(diagram, stop_when)) else None
     chosen, names = logged_signals(eq, log, times, condition.signals if condition else ())
-    rule, p, h, signals = options.rule, parameter_vector(eq, diagram), times.h, options.signals(eq)
-    eq, signals = for_inputs(eq, diagram, signals, times.start, h)
+    rule, p, h = options.rule, parameter_vector(eq, diagram), times.h
+    eq, signals = for_run(eq, diagram, options)
     eq, chosen = with_determinants(eq, chosen)
     kernel = single_kernel(eq, rule, chosen, backend)
     if isinstance(initial, SavedState):  # instants are counted from the start of the run that is continued
@@ -156,8 +156,7 @@ def simulate(
     else:
         memory = start_memory(eq, kernel, p, h, initial)
         origin, k = times.start, 0
-    hits = steps_per_period(eq, h)
-    session = Session(eq, kernel, memory, signals, origin, h, times.every, k, hits)
+    session = Session(eq, kernel, memory, signals, origin, h, times.every, k, steps_per_period(eq, h))
     poles = fast_poles([RunStart(eq, p, times.start, signals, memory)], rule, h)
     if locate:
         session = locating(session, backend)
@@ -173,7 +172,7 @@ def simulate(
     warn_of_step(eq.title, h, poles, finding, 3)
     if stopped is None or stopped.interrupted:
         return run
-    last = Session(eq, kernel, stopped.memory, signals, origin, h, 1, stopped.k, hits)
+    last = Session(eq, kernel, stopped.memory, signals, origin, h, 1, stopped.k, session.hits)
     error = divergence_error(last, backend, stopped.steps, bool(poles))
     error.run = attrs.evolve(run, state=attrs.evolve(run.state, diverged_at=error.time))
     raise error
