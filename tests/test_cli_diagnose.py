@@ -381,3 +381,12 @@ def test_sigterm_ends_a_command_as_ctrl_c_does(run, monkeypatch):
     monkeypatch.setattr(console, "progress_line", lambda words, quiet: nullcontext(tell))
     assert run(*BASE, *FEW) == (130, "", "tsmblocks: stopped before everything was done.\n")
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_fault_and_a_note_do_not_say_the_same(run, tmp_path):
+    """The note on a misspelled column proposed what the error before it did."""
+    text = "t [s],x_in [rad],x_oot [rad]\n" + "\n".join(f"{0.01 * k},{0.1 * k % 1},0.5" for k in range(200))
+    (tmp_path / "a.csv").write_text(text)
+    status, _, err = run(BASE[0], "--data", "a.csv")
+    assert status == 2
+    assert err.count("--map") == 1

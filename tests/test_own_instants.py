@@ -1,5 +1,7 @@
 """Sudden changes at an instant of their own in each experiment, where experiments share no clock."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -116,3 +118,14 @@ def test_the_recordings_in_which_nothing_changes_are_named_and_not_listed():
     assert not any("@r1" in text or "@r3" in text for text in found.segments[0].cautions)
     assert "size@r1" in found.details()
     assert found.to_dict()["effects"][0]["absent_in"] == ["r1", "r3"]
+
+
+def test_the_report_lists_each_parameter_once_where_the_effect_is_present(tmp_path):
+    """What is fitted for each recording was listed again as not fitted."""
+    found = tsm.diagnose(BASE, recordings(lambda t, x, k: 0.012 * (t > 6.37) * (k == 1)), effects=["jump"])
+    found.save(tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    row = re.search(r"Blocks that were added.*?</table>", page.partition("<caption")[2], re.DOTALL).group()
+    assert "size@r2" in row
+    assert "@r1" not in row
+    assert re.findall(r"(\w+) [-0-9.]+ \w+ \(not fitted\)", row) == ["width"]

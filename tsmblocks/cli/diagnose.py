@@ -95,8 +95,8 @@ def execute(args: argparse.Namespace) -> int:
         with common.option_names(OPTION_NAMES), line as progress:
             given = dict(bounds=dict(args.bounds), time_limit=args.time_limit, progress=progress)
             result = diagnose(diagram, records, **given, **common.passed(args, *names))
-    except TsmError:
-        recordings.print_repairs(args, *records.values())
+    except TsmError as error:
+        recordings.print_repairs(args, *records.values(), fault=str(error))
         raise
     facts = {"data": recordings.as_json(records)}
     return common.finish(result, facts, partial(_save, result, folder), plot, args)

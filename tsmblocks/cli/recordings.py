@@ -127,11 +127,15 @@ def read_record(
     return record
 
 
-def print_repairs(args: argparse.Namespace, *records: Any) -> None:
-    """Print on standard error what was repaired in records, unless JSON is printed."""
+def print_repairs(args: argparse.Namespace, *records: Any, fault: str = "") -> None:
+    """Print on standard error what was repaired in records, unless JSON is printed.
+
+    A note on a signal that is missing is left out where the ``fault`` of the command is that.
+    """
     for record in () if _json(args) else records:
         for text in record.notes:
-            print_note(f"{record.origin}: {text}")
+            if not (way := text.partition("map it: ")[2].rstrip(".")) or way not in fault:
+                print_note(f"{record.origin}: {text}")
 
 
 def _json(args: argparse.Namespace) -> bool:

@@ -236,12 +236,14 @@ def _sizes(effect: NamedEffect) -> Markup:
 
 
 def _numbers(diagnosis: Diagnosis, effect: NamedEffect) -> Markup:
-    """The fitted parameters of an effect's block, with intervals, and its other ones."""
-    shown = [Markup("{} {}").format(name, with_interval(q)) for name, q in effect.parameters.items()]
+    """The fitted parameters of an effect's block where it is present, with intervals, and its other ones."""
+    seen = {name: q for name, q in effect.parameters.items() if name.partition("@")[2] not in effect.absent_in}
+    shown = [Markup("{} {}").format(name, with_interval(q)) for name, q in seen.items()]
     known, parameters = numbers(diagnosis.augmented), diagnosis.augmented.parameters
+    fitted = {name.partition("@")[0] for name in effect.parameters}
     for full, value in parameters.items():
         block, _, name = full.partition(".")
-        if block == effect.block and name not in effect.parameters and not is_start(known[full]):
+        if block == effect.block and name not in fitted and not is_start(known[full]):
             text = in_display_units(value, unit_of(diagnosis.augmented, full))
             shown.append(Markup("<small>{} {} (not fitted)</small>").format(name, text))
     return LINE_BREAK.join(shown)
