@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError, TsmError
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, end_at, optimized
+from tsmblocks.fitting.identifiability import UNCERTAIN
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.setup import FINEST
 from tsmblocks.fitting.statistics import intervals, uncertainty
@@ -57,14 +59,18 @@ def limit_notes(model: Model) -> list[str]:
 def as_fit(model: Model, base: Model) -> Fit | None:
     """The model as a result of ``tsm.fit``, with the uncertainty by which its effects are judged beside the ``base``.
 
-    None where its parameters are ones that a fit refuses.
+    Bounds of effects are those of the search: an interval that is wider than these may be narrow. None where the
+    parameters are ones that a fit refuses.
     """
     found = end_at(model.problem, model.theta)
     known = uncertainty_of_effects(model, base) if len(model.r) > len(model.theta) else None
     try:
-        return summarise(model.problem, model.setup, "gauss-newton", [found], known)
+        fit = summarise(model.problem, model.setup, "gauss-newton", [found], known)
     except TsmError:
         return None
+    added = {e.name for e in fit if (e.high - e.low) / 2 <= abs(e.value)} - set(base.problem.unknowns.names)
+    kept = tuple(one for one in fit.undetermined if one.kind != UNCERTAIN or added.isdisjoint(one.names))
+    return attrs.evolve(fit, undetermined=kept)
 
 
 def _active_bounds(model: Model) -> np.ndarray | None:
