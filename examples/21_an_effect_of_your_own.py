@@ -72,7 +72,7 @@ with registered(warming):
 (gap,) = found.worst.gaps
 before, after, floor = np.rad2deg([gap.held_out[0], gap.held_out[-1], gap.noise_floor])
 print(f"held-out rms {before:.3f} -> {after:.3f} deg, noise {floor:.3f}")
-print("share of the error above the noise floor that is removed:")
+print("share of the variance above the noise floor that is removed:")
 for one in [one for one in found.worst.ranking if one.round == 1][:4]:
     print(f"  {one.name + ' ' + one.variant:24} {100 * one.share:4.0f} %" + "  <- named" * one.named)
 (effect,) = found.effects

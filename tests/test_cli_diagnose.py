@@ -67,7 +67,7 @@ def test_details_follow_the_summary_on_request(run):
     status, out, _ = run(*BASE, *FEW, "--details")
     assert status == 0
     assert out.startswith(summary)
-    assert all(words in out for words in ("candidates, round 1", "smallest detectable sizes", "in a script:"))
+    assert all(words in out for words in ("candidates, round 1", "detection limits", "in a script:"))
     _, json_only, _ = run(*BASE, *FEW, "--details", "--json")
     json.loads(json_only)
 

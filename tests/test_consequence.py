@@ -57,7 +57,7 @@ def test_a_compensator_that_makes_matters_worse_says_nothing_about_control():
         "lag", slow, after="limit.y"
     )
     assert consequence(model(low), model(low)) == (
-        f"{NOT_TRACKED} has a larger error than a constant command. The effects named do not depend on it."
+        f"{NOT_TRACKED} has a larger error than a constant command. The verdict does not depend on it."
     )
 
 
@@ -72,9 +72,8 @@ def test_what_cannot_be_tracked_says_why_where_a_compensator_is_meant():
     assert consequence(two, two) == ""
     back = base.with_parameters({"gain.gain": -1.0})
     assert consequence(model(back), model(back)) == (
-        "Whether the augmented model tracks a motion better was not simulated: the compensator, a fast feedback loop "
-        "around "
-        "the model that finds the command for a wanted motion, is unstable. The effects named do not depend on it."
+        "Tracking was not simulated: the compensator, a fast feedback loop around the model that finds the command for "
+        "a wanted motion, is unstable. The verdict does not depend on it."
     )
 
 

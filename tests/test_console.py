@@ -350,7 +350,7 @@ def test_what_a_reader_looks_for_stands_out():
     text = (
         "NONE. No unmodelled effect is detectable.\n\nname    rms [deg]\nbend        1.25\n\nbeware:\n- a: b\n\n"
         "beware in u -> y:\n- a: b\n\n"
-        "changes to the diagram:\n+ gap -> x\n- u -> x\n\ngap:\n  width  3.4 deg\n"
+        "changes from the fitted base model:\n+ gap -> x\n- u -> x\n\ngap:\n  width  3.4 deg\n"
     )
     seen = re.findall("\x1b\\[([0-9;]+)m(.*?)\x1b\\[0m", colour.emphasised(text))
     assert seen == [
@@ -358,7 +358,7 @@ def test_what_a_reader_looks_for_stands_out():
         ("1", "name    rms [deg]"),
         ("1;33", "beware:"),
         ("1;33", "beware in u -> y:"),
-        ("1", "changes to the diagram:"),
+        ("1", "changes from the fitted base model:"),
         ("32", "+ gap -> x"),
         ("1", "gap:"),
     ]

@@ -241,7 +241,7 @@ def test_what_a_fit_of_the_augmented_model_would_warn_of_is_told():
     text = str(found)
     assert "\n- gain.gain and again.gain are determined only in combination: with " in text
     details = found.details()
-    table = details[details.index("parameters of the diagram, fitted with it:") :].split("\n\n")[0]
+    table = details[details.index("fitted parameters of the diagram:") :].split("\n\n")[0]
     assert "not determined" in table
     assert segment.cautions[0] in json.loads(found.to_json())["segments"][0]["cautions"]
 

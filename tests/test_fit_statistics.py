@@ -529,8 +529,8 @@ def test_a_combination_of_many_is_told_by_the_largest():
     )
     assert one.words == (
         "a, b, c, d, e and 4 more are indistinguishable with these data: with a 1 % higher, b 0.9 % higher, c 0.8 % "
-        "higher, d 0.7 % higher, e 0.6 % higher and 4 more changed, the outputs change by no more than 4 times the "
-        "residual."
+        "higher, d 0.7 % higher, e 0.6 % higher and 4 more changed, the outputs change by 4 times the residual, but "
+        "as slowly as that does."
     )
     assert len(one.names) == 9
 
@@ -544,8 +544,8 @@ def test_initial_states_in_a_combination_are_mentioned_beside_its_parameters():
     assert one.names == names
     assert one.words == (
         "gain and gap.gain are determined only in combination: with gain 1 % higher and gap.gain 0.6 % lower (and "
-        "gap.m@rec1 adjusted), the outputs stay the same. Of the values that fit equally well, those nearest to the "
-        "diagram's own are used."
+        "gap.m@rec1 adjusted), the outputs stay the same. Of values that fit equally well, those closest to the "
+        "diagram's own are reported."
     )
 
 
@@ -647,7 +647,7 @@ def test_a_single_parameter_that_noise_hides():
     half = intervals(theta, known.covariance, known.freedom)[1][1] - theta[1]
     assert only.kind == "uncertain"
     assert only.words == (
-        f"b is hardly determined: {plus_minus(theta[1], half)}, an interval wider than the parameter itself."
+        f"b is poorly determined: {plus_minus(theta[1], half)}, a confidence interval wider than its value."
     )
     big = sizes(theta, 1e9 * theta, np.full(3, -np.inf), np.full(3, np.inf))
     assert undetermined(J, r, ["a", "b", "c"], theta, known, scales=big) == ()
@@ -661,7 +661,7 @@ def test_an_interval_wider_than_the_bounds():
     low, high = theta - room, theta + room
     (only,) = undetermined(J, r, ["a", "b"], theta, known, low=low, high=high)
     assert only.words == (
-        f"b is hardly determined: {plus_minus(theta[1], half[1])}, an interval wider than its bounds are apart."
+        f"b is poorly determined: {plus_minus(theta[1], half[1])}, a confidence interval wider than its bounds."
     )
 
 
@@ -743,7 +743,7 @@ def test_of_combinations_of_initial_states_a_few_are_listed_and_the_rest_is_coun
 def test_initial_states_of_many_experiments_that_are_hardly_determined_are_one_remark():
     """A recording in pieces has hundreds of them."""
     names = ("gain", *(f"motor.speed@r1#{k}" for k in range(60)))
-    found = tuple(Undetermined(UNCERTAIN, (name,), (1.0,), 0.0, f"{name} is hardly determined.") for name in names)
+    found = tuple(Undetermined(UNCERTAIN, (name,), (1.0,), 0.0, f"{name} is poorly determined.") for name in names)
     fit = SimpleNamespace(
         agreeing=2,
         status="interrupted",
@@ -757,6 +757,6 @@ def test_initial_states_of_many_experiments_that_are_hardly_determined_are_one_r
         estimates=(),
     )
     first, second = cautions(fit)
-    assert first == "gain is hardly determined."
+    assert first == "gain is poorly determined."
     assert second.startswith("motor.speed in 60 experiments (r1#0, r1#1")
-    assert second.endswith("is hardly determined: an interval is wider than the value or its bounds.")
+    assert second.endswith("is poorly determined: a confidence interval is wider than the value or its bounds.")

@@ -51,7 +51,7 @@ def test_gains_in_series_stay_nearest_to_the_diagram(starts, seed):
     assert gains == pytest.approx(nearest_gains(np.prod(gains)), rel=1e-3)
     assert fit.differences.rms == pytest.approx(NOISE, rel=0.05)
     (said,) = (u.words for u in fit.undetermined)
-    assert said.endswith("Of the values that fit equally well, those nearest to the diagram's own are used.")
+    assert said.endswith("Of values that fit equally well, those closest to the diagram's own are reported.")
 
 
 def test_values_nearest_to_the_diagram_stay_within_bounds():

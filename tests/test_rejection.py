@@ -94,7 +94,7 @@ def test_a_round_without_an_effect_says_why_its_best_was_not_accepted():
 def test_why_an_effect_is_named_rather_than_its_equals():
     gap, lag, loop = candidate("gap", 1.0, parameters=3), candidate("lag", 1.1, parameters=4), candidate("loop", 0.99)
     assert why_named(gap, [gap]) == ""
-    assert why_named(gap, [gap, lag]) == "gap is named because it has the fewest parameters."
+    assert why_named(gap, [gap, lag]) == "gap is named because the model with it has the fewest parameters."
     assert why_named(loop, [gap, loop]) == "loop is named because it leaves the least error on held-out data."
     assert why_named(loop, [gap, loop, lag]) == why_named(loop, [gap, loop])
     assert why_named(loop, [gap, loop, candidate("wide", 0.98, parameters=9)]) == (

@@ -32,11 +32,11 @@ from tsmblocks.html.report_files import written
 CSS = style("page.css")
 TOLD = """\
 NAMED. Unmodelled effect between x_in and x_out: a backlash gap (backlash on
-offset.y -> x_out, gap width 1.000 ± 0.040 deg). With it, the error of x_out on
-held-out data falls from 0.520 to 0.104 deg rms (noise floor 0.100), by 98 % of
-the error above the noise floor. Also possible: hysteresis.
+offset.y -> x_out, gap width 1.000 ± 0.040 deg). Also possible: hysteresis. With
+it, the error of x_out on held-out data falls from 0.520 to 0.104 deg rms (noise
+floor 0.100), by 100 % of the variance above the noise floor.
 
-backlash (backlash):
+backlash:
   gap width  1.000 ± 0.040 deg
 
 Tendon sheath: a gain and an offset: 2 experiments
@@ -47,11 +47,11 @@ full                          0.530       0.105       0.505     0.0914
 half                          0.510       0.103       0.510      0.101
 noise floor (given)           0.100
 
-residual before by coordinate:
-- 90 % of the error above the noise floor: the sign of the error depends on the
-  direction.
+what predicts the residual of the base model:
+- 90 % of the variance above the noise floor: the sign of the error depends on
+  the direction.
 
-changes to the diagram:
+changes from the fitted base model:
 + backlash = Play(half_width=0.00872665)
 - offset => x_out
 + offset -> backlash.u
@@ -63,11 +63,11 @@ indistinguishable effects:
 - backlash is indistinguishable from hysteresis with these data. To separate
   them: two amplitudes, minor loops, or an odd multisine.
 
-tracking full [deg]                 peak to peak    rms
-without compensation                        20.0   7.00
-compensator on the model as it was          2.00  0.600
-compensator on the augmented model          1.00  0.300
-plant: the augmented model
+simulated tracking of full, with the augmented model as the plant:
+error [deg]                           peak to peak    rms
+without compensation                          20.0   7.00
+compensator from the base model               2.00  0.600
+compensator from the augmented model          1.00  0.300
 
 notes:
 - all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen
@@ -77,31 +77,33 @@ notes:
 - Random seed 3; the search was completed.
 
 Details, with --details or found.details(): noise floors, candidates, parameters
-with intervals, detectable sizes, a script."""
+with intervals, detection limits, a script."""
 DETAILS = """\
-candidates, round 1 (* named, ~ indistinguishable from it; critical t: 2):
+candidates, round 1 (* named, ~ indistinguishable from it; critical t: 2.0):
   candidate   on                 removes  new exp.    t
 * backlash    offset.y -> x_out     98 %      98 %  9.5
 ~ hysteresis  offset.y -> x_out     98 %      98 %  9.5
   dead_time   offset.y -> x_out    < 0 %      10 %  9.5
 Other candidates, screened out or with a smaller reduction: 1.
 
-candidates, round 2 (none named; critical t: 2):
+candidates, round 2 (none named; critical t: 2.0):
   candidate  on                 removes  new exp.    t
   dead_time  offset.y -> x_out     20 %      20 %  9.5
 
-removes: reduction of the error above the noise floor, on held-out time blocks;
-new exp.: the same with whole experiments held out; < 0 %: the error grows. t:
-t-statistic of the reduction, its critical value that of a test at 5 %.
+removes: share of the variance above the noise floor that is removed from
+held-out time blocks (new exp.: whole experiments); < 0 %: the residual grows.
+t: t-statistic of the reduction; critical t: value that the largest t of a round
+exceeds by chance in 5 % of cases. The reduction also has to exceed that of
+surrogate noise.
 
-backlash (backlash), parameters of its block:
+backlash, parameters of its block:
   half_width  0.500 ± 0.020 deg
 
-smallest detectable sizes of further effects:
+detection limits of further effects:
   backlash  gap width 0.04 deg
   drift     rate 1e-05
 
-not detectable at any size:
+not testable with these data:
 - absorbed by parameters of the model: offset (acts as offset.bias, 1 deg per
   deg)
 - not excited by these experiments: coulomb_friction
@@ -153,7 +155,7 @@ def test_of_many_experiments_a_summary_has_those_with_the_largest_errors():
 
 def test_sizes_that_could_have_been_seen_are_in_the_summary_where_nothing_was_found():
     none = diagnosis(attrs.evolve(NONE, limits=NAMED.limits))
-    assert "smallest detectable sizes:" in str(none)
+    assert "detection limits:" in str(none)
     assert "smallest detectable" not in none.details()
     assert "smallest detectable" not in str(diagnosis())
 
@@ -161,23 +163,23 @@ def test_sizes_that_could_have_been_seen_are_in_the_summary_where_nothing_was_fo
 def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
     assert verdict_text.verdict_sentence(UNKNOWN) == (
         "Unmodelled effect between x_in and x_out that the one effect tried does not explain: the best, dead_time, "
-        "removes 24 % of the error above the noise floor. Of the residual's mean square, 90 % is predicted from the recorded signals on "
-        "held-out data: the sign of the error depends on the direction. The error of x_out on held-out data "
-        "is 0.520 deg rms, its noise floor 0.100."
+        "removes 24 % of the variance above the noise floor. The error of x_out on held-out data is 0.520 deg rms, its "
+        "noise floor 0.100. Of the residual's mean square, 90 % is predicted from the recorded signals on held-out data."
     )
 
 
 def test_the_verdict_none_says_how_close_the_noise_is():
     assert verdict_text.verdict_sentence(NONE) == (
         "No unmodelled effect between x_in and x_out is detectable with these data. The error of x_out on held-out data "
-        "is 0.103 deg rms, its noise floor 0.100. There is a small error above the noise floor, too small to name an effect with these data."
+        "is 0.103 deg rms, its noise floor 0.100. There is a small residual above the noise floor, too small to name "
+        "an effect with these data."
     )
     assert verdict_text.verdict_sentence(attrs.evolve(NONE, excess=0.01)).endswith("its noise floor 0.100.")
 
 
 def test_no_coordinate_is_reported_when_none_predicts_the_residual():
     said = verdict_text.verdict_sentence(attrs.evolve(UNKNOWN, where=()))
-    assert "90 % is predicted from the recorded signals on held-out data. The error of x_out" in said
+    assert said.endswith("90 % is predicted from the recorded signals on held-out data.")
 
 
 def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
@@ -232,7 +234,7 @@ def test_several_segments_are_told_apart_with_those_that_miss_something_first():
     text = str(diagnosis(motor, NAMED))
     assert text.index("NAMED. ") < text.index("NONE. No unmodelled effect between r and u, x_in")
     assert text.index("== r -> u, x_in ==") < text.index("== x_in -> x_out ==")
-    assert "smallest detectable sizes in r -> u, x_in:" in text
+    assert "detection limits in r -> u, x_in:" in text
 
 
 def test_two_effects_of_one_name_are_told_by_their_blocks():
@@ -241,7 +243,7 @@ def test_two_effects_of_one_name_are_told_by_their_blocks():
     assert found.startswith(
         "Unmodelled effects between x_in and x_out: a backlash gap (backlash on offset.y -> x_out, gap width 1.000 ± "
         "0.040 deg) and a backlash gap (backlash as block backlash_2 on backlash.y -> x_out, gap width 1.000 ± 0.040 "
-        "deg). With them, the error"
+        "deg). Also possible: hysteresis"
     )
 
 
@@ -262,14 +264,14 @@ def test_the_output_furthest_above_its_noise_is_the_one_told():
 def test_a_share_of_the_error_above_the_noise_floor_needs_such_an_error():
     below = attrs.evolve(NAMED.gaps[0], held_out=(0.099 * DEG, 0.09 * DEG))
     text = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(below,)))
-    assert "falls from 0.0990 to 0.0900 deg rms (noise floor 0.100). Also possible" in text
+    assert "falls from 0.0990 to 0.0900 deg rms (noise floor 0.100)." in text
 
 
 def test_a_compensator_that_does_no_better_is_explained():
     found = diagnosis()
     assert found.consequence is not None
     worse = attrs.evolve(found, consequence=attrs.evolve(found.consequence, words="It cannot jump."))
-    assert "plant: the augmented model\n\nIt cannot jump.\n" in str(worse)
+    assert "\n\nIt cannot jump.\n" in str(worse)
     assert "<p>It cannot jump.</p>" in page(worse)
     none = attrs.evolve(found, consequence=None, no_consequence="It was not tracked.")
     assert "\n\nConsequence for control: It was not tracked.\n" in str(none)
@@ -299,8 +301,8 @@ def test_what_is_left_after_all_that_was_named_is_told():
     )
     slow = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
     assert (
-        "falls from 0.520 to 0.170 deg rms. What remains counts as noise, since no "
-        "recorded signal predicts it: it may be slow noise. It is 1.7 times the noise floor of 0.100 deg (given)."
+        "falls from 0.520 to 0.170 deg rms. That is 1.7 times the noise floor of 0.100 deg (given), but no recorded "
+        "signal predicts it on held-out data: it is slow noise, or a model error that does not repeat with the motion."
     ) in slow
     assert "still" not in verdict_text.verdict_sentence(NAMED)
 
@@ -503,7 +505,7 @@ def test_a_page_has_its_parts_in_this_order():
         "What the model lacks",
         "Error before and after",
         "Where model and data disagree",
-        "The diagram, before and after",
+        "The diagram with the named effects",
         "Consequence for control",
         "Notes",
         "Candidate effects",
@@ -570,19 +572,19 @@ def test_the_verdict_is_in_the_same_words_everywhere():
 
 def test_an_effect_that_was_named_is_not_listed_as_one_that_cannot_be_detected():
     blind = [attrs.evolve(one, name=BACKLASH.name) if one.value is None else one for one in NAMED.limits]
-    assert "not detectable" in diagnosis(NAMED).details()
-    assert "not detectable" not in diagnosis(attrs.evolve(NAMED, limits=tuple(blind))).details()
+    assert "not testable" in diagnosis(NAMED).details()
+    assert "not testable" not in diagnosis(attrs.evolve(NAMED, limits=tuple(blind))).details()
 
 
 def test_how_many_effects_were_tried_is_said_and_the_others_are_a_next_step():
     from tsmblocks.effects import catalogue
 
     alone = attrs.evolve(NAMED, effects=(attrs.evolve(BACKLASH, also_possible=()),))
-    assert "Also possible: none of the 3 other effects tried." in verdict_text.verdict_sentence(alone)
+    assert "None of the 3 other effects tried fits as well." in verdict_text.verdict_sentence(alone)
     few = attrs.evolve(alone, ranking=alone.ranking[:2])
-    assert "Also possible: none (one other effect was tried)." in verdict_text.verdict_sentence(few)
+    assert "The one other effect tried does not fit as well." in verdict_text.verdict_sentence(few)
     one = attrs.evolve(alone, ranking=alone.ranking[:1])
-    assert "Also possible: none (no other effect was tried)." in verdict_text.verdict_sentence(one)
+    assert "No other effect was tried." in verdict_text.verdict_sentence(one)
     assert diagnosis(NAMED).to_dict()["effects_tried"] == 4
     count = len({e.name for e in catalogue()} - {m.name for m in LIMITS} - {"dead_time"})
     assert f"Try the other {count} effects of the catalogue as well" in next_steps(UNKNOWN)[0]

@@ -144,9 +144,9 @@ def test_of_many_parameters_the_page_lists_some():
 def test_the_best_of_an_unexplained_error_has_its_name_and_its_reason():
     rows = (ranked("dead_time", 0.24, why_not="not significant"), ranked("lag", 1.0, why_not="ends at a bound (time)"))
     text = verdict_text.verdict_sentence(attrs.evolve(UNKNOWN, ranking=rows))
-    assert "the best, lag, removes 100 % of the error above the noise floor (ends at a bound (time))." in text
+    assert "the best, lag, removes 100 % of the variance above the noise floor (ends at a bound (time))." in text
     worse = attrs.evolve(UNKNOWN, ranking=(ranked("dead_time", -0.1),))
-    assert "does not explain: none removes any of the error above the noise floor." in verdict_text.verdict_sentence(
+    assert "does not explain: none removes any of the variance above the noise floor." in verdict_text.verdict_sentence(
         worse
     )
 
@@ -154,12 +154,10 @@ def test_the_best_of_an_unexplained_error_has_its_name_and_its_reason():
 def test_a_place_that_is_not_determined_is_said():
     effect = attrs.evolve(BACKLASH, also_possible=(), other_places=("x_in -> gain.u",))
     text = verdict_text.verdict_sentence(attrs.evolve(NAMED, effects=(effect,)))
-    assert text.endswith(" The place of backlash is not determined: it explains as much on x_in -> gain.u.")
+    assert " The place of backlash is not determined: it explains as much on x_in -> gain.u. With it," in text
     both = (effect, attrs.evolve(effect, block="backlash_2"))
     text = verdict_text.verdict_sentence(attrs.evolve(NAMED, effects=both))
-    assert text.endswith(
-        f" The places of {effect.block} and backlash_2 are not determined: they explain as much on other wires."
-    )
+    assert f" The places of {effect.block} and backlash_2 are not determined: they explain as much on other" in text
     made = attrs.evolve(diagnosis(), effects=(effect,))
     assert json.loads(made.to_json())["effects"][0]["other_places"] == ["x_in -> gain.u"]
 
@@ -181,7 +179,7 @@ def test_the_parts_of_a_noise_floor_and_what_each_recording_shows_are_said_every
         text = found.details()
     assert f"n{words}" in text.replace("\n", " ")
     assert re.search(r"\nnoise of x_out alone \[deg\] +rms  95 % low +high  method\nfull +0.0600 +0.0500 +0.08", text)
-    assert "\nhigh frequencies: a lower limit, which sees only fast noise." in text
+    assert "\nhigh frequencies: fast noise only; slow noise is not included." in text
     shown = html.unescape(re.sub("<[^>]*>", "", page(found))).replace("\xa0", " ")
     assert f"N{words}" in shown
     assert "half0.05000.0400-high frequencies" in shown
@@ -195,25 +193,27 @@ def test_a_noise_floor_is_explained_by_what_it_contains():
     fast = attrs.evolve(gap, method="high frequencies", held_out=(0.52 * DEG, 0.3 * DEG))
     segment = attrs.evolve(NAMED, gaps=(fast,))
     assert (
-        "What remains counts as noise, since no recorded signal predicts it: it may be slow noise. It is 3.0 times the "
-        "noise floor of 0.100 deg (from high frequencies: a lower limit, which sees only fast noise)."
+        "That is 3.0 times the noise floor of 0.100 deg (from high frequencies: fast noise only; slow noise is not "
+        "included), but no recorded signal predicts it on held-out data: it is slow noise, or a model error that does "
+        "not repeat with the motion."
     ) in verdict_text.verdict_sentence(segment)
     with as_wide_as(100):
         text = of(segment).details()
-    assert text.startswith("noise floor from high frequencies: a lower limit")
+    assert text.startswith("noise floor from high frequencies: fast noise only")
     assert re.search(r"\nnoise floor \(high frequencies\) +0.100\n", str(of(segment)))
-    assert "Noise floor 0.100 deg (from high frequencies: a lower limit, which sees only fast noise)." in page(
+    assert "Noise floor 0.100 deg (from high frequencies: fast noise only; slow noise is not included)." in page(
         of(segment)
     )
     assert presentation.floor_text(gap) == "given"
     assert presentation.floor_text(attrs.evolve(fast, given="0.1 deg given")) == "0.1 deg given"
 
 
-def test_all_of_an_error_is_not_said_to_be_removed_where_some_of_it_remains():
+def test_the_share_removed_is_that_of_the_numbers_printed():
     left = attrs.evolve(NAMED.gaps[0], held_out=(0.52 * DEG, 0.17 * DEG))
     effect = attrs.evolve(BACKLASH, share_removed=1.0)
     text = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,), complete=False, effects=(effect,)))
-    assert "falls from 0.520 to 0.170 deg rms (noise floor 0.100). That is still 1.7 times the noise floor" in text
+    assert "falls from 0.520 to 0.170 deg rms (noise floor 0.100), by 93 % of the variance above the noise" in text
+    assert "That is still 1.7 times the noise floor" in text
 
 
 @pytest.mark.parametrize(
@@ -288,7 +288,7 @@ def test_cautions_on_many_initial_states_are_one(lag_fit):
     many = attrs.evolve(lone, undetermined=(*few, mixed), active=("the lower bound of lag.value@rec1#2 (0)",))
     assert cautions(many, {}) == [
         "lag.time_constant and some initial states are determined only together.",
-        "lag.value at the start of 4 of the 6 pieces (rec1#5 is piece 5 of rec1) is hardly determined.",
+        "lag.value at the start of 4 of the 6 pieces (rec1#5 is piece 5 of rec1) is poorly determined.",
     ]
     pairs = tuple(undetermined(f"lag.value@rec1#{k}", f"lag.value@rec1#{k + 1}") for k in (1, 3, 5))
     (said,) = cautions(attrs.evolve(many, undetermined=pairs), {})
@@ -304,7 +304,7 @@ def test_cautions_on_initial_states_of_whole_recordings_name_these(lag_fit):
     vague = tuple(undetermined("lag.value@run1", f"lag.value@run{k}") for k in (2, 3, 4))
     fit = attrs.evolve(lag_fit, estimates=estimates, records=records, undetermined=vague)
     assert cautions(fit, {}) == [
-        "lag.value at the start of 4 of the 6 experiments (run1, run2 and 2 more) is hardly determined."
+        "lag.value at the start of 4 of the 6 experiments (run1, run2 and 2 more) is poorly determined."
     ]
 
 
@@ -313,12 +313,12 @@ def test_parameters_and_cautions_of_several_parts_name_the_part(lag_fit):
     parts = [attrs.evolve(NONE, name=name, fit=own) for name in ("u -> y", "y -> z")]
     both, alone = diagnosis(*parts), diagnosis(parts[0])
     assert re.findall("^(beware.*):$", str(both), re.MULTILINE) == ["beware in u -> y", "beware in y -> z"]
-    assert re.findall("^(parameters of .*):$", both.details(), re.MULTILINE) == [
-        "parameters of the diagram in u -> y, fitted with it",
-        "parameters of the diagram in y -> z, fitted with it",
+    assert re.findall("^(fitted parameters of .*):$", both.details(), re.MULTILINE) == [
+        "fitted parameters of the diagram in u -> y",
+        "fitted parameters of the diagram in y -> z",
     ]
     assert "\nbeware:\n" in str(alone)
-    assert "\nparameters of the diagram, fitted with it:\n" in alone.details()
+    assert "\nfitted parameters of the diagram:\n" in alone.details()
 
 
 def test_cautions_come_before_the_errors(lag_fit):

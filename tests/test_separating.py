@@ -7,6 +7,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import DeadTime, Gain, Lag
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.diagnosis import discrimination
 from tsmblocks.diagnosis.discrimination import (
     Separation,
@@ -16,7 +17,6 @@ from tsmblocks.diagnosis.discrimination import (
     separations,
 )
 from tsmblocks.diagnosis.model import ModelSettings, calibrate, optimized, pose_extended
-from tsmblocks.diagnosis.presentation import digits
 from tsmblocks.effects import catalogue
 
 STEP = 0.01
@@ -100,7 +100,7 @@ def test_fast_motion_tells_a_dead_time_from_a_lag(models):
     assert chirp > 3 * slow
     best = separating_experiment(one, [other], records, ASKED)
     words = max(told, key=told.get)
-    assert best == f"{words} (expected difference {digits(told[words])} times the noise)"
+    assert best == f"{words} (expected difference {to_digits(told[words])} times the noise)"
 
 
 def test_of_several_the_hardest_to_tell_counts(models):
@@ -110,8 +110,8 @@ def test_of_several_the_hardest_to_tell_counts(models):
     assert max(s.size for s in separations(one, [other, same], records, ASKED)) < 1e-2
     said = separating_experiment(one, [other, same], records, ASKED)
     assert said.startswith(effect("dead_time").separates)
-    assert ", in a larger range or at a higher speed than recorded. None of the motions tried within these" in said
-    assert said.endswith(" times the noise, and less than 0.245 times is not seen")
+    assert ", in a larger range or at a higher speed than recorded. No motion within the recorded range" in said
+    assert said.endswith(" times the noise; 0.24 is needed)")
 
 
 def test_no_experiment_is_proposed_whose_difference_is_too_small_to_name_an_effect(models, monkeypatch):
@@ -121,4 +121,4 @@ def test_no_experiment_is_proposed_whose_difference_is_too_small_to_name_an_effe
         monkeypatch.setattr(discrimination, "separations", lambda *_, size=size: [Separation("a chirp", size)])
         said = separating_experiment(one, [other], records, ASKED)
         assert said.startswith("a chirp (expected difference") is proposed
-        assert (f"at most {size} times the noise" in said) is not proposed
+        assert ("separates them (expected difference 0.11 times the noise; 0.24 is needed)" in said) is not proposed

@@ -65,7 +65,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--free")
     parameters.local_and_bounds(add)
-    add("--set", help="the value from which a parameter starts, or which it keeps")
+    add("--set", help="initial value of a parameter that is fitted, or value of one that is not")
     effects = "effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)"
     add("--effects", metavar="PATTERN", help=effects, **common.SEVERAL)
     add("--outputs", "--window")

@@ -25,7 +25,7 @@ CONTENT = {
     "repeats": "what differs between recordings of the same motion",
     "repeated periods": "what differs from one period of the motion to a later one",
     STAND_STILL: "the noise while the mechanism stands still",
-    HIGH_FREQUENCIES: "a lower limit, which sees only fast noise",
+    HIGH_FREQUENCIES: "fast noise only; slow noise is not included",
 }
 """What noise a floor contains, by its method."""
 MIN_REST_FREEDOM = 20

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import columns, table_width
 from tsmblocks.diagnosis.lines import cut, filled
 from tsmblocks.diagnosis.presentation import by_removed
@@ -38,14 +37,15 @@ def candidate_tables(segment: Segment) -> list[str]:
         key = "* named, ~ indistinguishable from it" if any(r.named for r in here) else "none named"
         remarks = filter(None, [nothing_to_remove(fitted), explained(shown, variants)])
         legend = "".join(f"\n{filled(text)}" for text in remarks)
-        key += f"; critical t: {to_digits(shown[0].line)}"
+        key += f"; critical t: {shown[0].line:.1f}"
         parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{legend}{more}")
     if not parts:
         return []
-    new = "new exp.: the same with whole experiments held out; " if len(segment.gaps[0].experiments) > 1 else ""
+    new = " (new exp.: whole experiments)" if len(segment.gaps[0].experiments) > 1 else ""
     key_words = (
-        "removes: reduction of the error above the noise floor, on held-out time blocks; "
-        f"{new}< 0 %: the error grows. t: t-statistic of the reduction, its critical value that of a test at 5 %."
+        f"removes: share of the variance above the noise floor that is removed from held-out time blocks{new}; < 0 %: "
+        "the residual grows. t: t-statistic of the reduction; critical t: value that the largest t of a round exceeds "
+        "by chance in 5 % of cases. The reduction also has to exceed that of surrogate noise."
     )
     return [*parts, filled(key_words)]
 

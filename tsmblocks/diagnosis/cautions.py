@@ -18,9 +18,9 @@ from tsmblocks.fitting.text import estimate_cautions, tangled
 MAX_STATE_CAUTIONS = 2
 """Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
 
-INCOMPLETE = "The model leaves more than noise, so the intervals of its parameters do not cover their error."
+INCOMPLETE = "Confidence intervals account for noise only: the model error that remains is not included."
 """The caution on the parameters of a model that lacks something."""
-MAYBE = "A part of the residual may be a model error, and the intervals of the parameters cover noise alone."
+MAYBE = "A part of the residual may be a model error; confidence intervals account for noise only."
 """The caution where no effect is found, and slow noise and a model error are indistinguishable."""
 FAR_ABOVE = 1.5
 """Residual over the noise floor from which it is given. Chosen: more than the error of a noise floor."""
@@ -29,14 +29,14 @@ TIMES = ("time_constant", "time")
 MIN_SHARE_KEPT = 0.02
 """Share of the time of an effect below which that of a block of the model went to zero. Chosen."""
 MIN_LOSS_ACROSS = 0.05
-"""Share of the error above the noise floor by which an effect makes it larger on experiments held out, from which it
+"""Share of the variance above the noise floor by which an effect makes it larger on experiments held out, from which it
 is reported. Chosen: below it the estimates of the other parameters may be the cause."""
 
 
 def do_not_carry_over(across: Mapping[str, float | None]) -> list[str]:
     """A caution on effects that make the error of whole experiments held out larger.
 
-    ``across`` has the share of the error above the noise floor that each removes there, by the name of its block.
+    ``across`` has the share of the variance above the noise floor that each removes there, by the name of its block.
     """
     worse = [block for block, share in across.items() if share is not None and share < -MIN_LOSS_ACROSS]
     if not worse:
@@ -110,7 +110,7 @@ def _on_states(fit: Fit) -> list[str]:
         said.append(f"{', '.join(tied)} and some initial states are determined only together.")
     parameters = sorted({name.partition("@")[0] for name in vague})
     verb = "is" if len(parameters) == 1 else "are"
-    return [*said, f"{listed(parameters)} at the start {_where(fit, vague)} {verb} hardly determined."]
+    return [*said, f"{listed(parameters)} at the start {_where(fit, vague)} {verb} poorly determined."]
 
 
 def _where(fit: Fit, vague: set[str]) -> str:

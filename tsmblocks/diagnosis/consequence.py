@@ -32,11 +32,11 @@ MAX_STEPS = 2_000_000
 """Steps of one simulation at most. Chosen: for the run time, about a second."""
 
 NOT_TRACKED = (
-    "Whether the augmented model tracks a motion better was not simulated: the compensator, a fast feedback loop "
-    "around the model that finds the command for a wanted motion,"
+    "Tracking was not simulated: the compensator, a fast feedback loop around the model that finds the command for a "
+    "wanted motion,"
 )
 """Why there is no consequence, up to the fault of the compensator."""
-NAMES_HOLD = "The effects named do not depend on it."
+NAMES_HOLD = "The verdict does not depend on it."
 Errors = tuple[float, float]
 
 

@@ -10,7 +10,7 @@ from tsmblocks.data.noise_floor import CONTENT
 from tsmblocks.diagnosis.candidate_tables import candidate_tables
 from tsmblocks.diagnosis.detectable_sizes import limits_texts
 from tsmblocks.diagnosis.lines import filled, of_segment
-from tsmblocks.diagnosis.presentation import floor_methods, floor_rows, floor_sentence, with_interval
+from tsmblocks.diagnosis.presentation import block_title, floor_methods, floor_rows, floor_sentence, with_interval
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.script import script_lines
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, Segment
@@ -48,7 +48,7 @@ def _floor(gap: Gap) -> list[str]:
 def _block_parameters(effect: NamedEffect) -> str:
     """The parameters of the block of an effect, from which its sizes follow."""
     rows = [[name, with_interval(q)] for name, q in effect.parameters.items()]
-    return f"{effect.block} ({effect.name}), parameters of its block:\n{columns(rows, '  ', left=(0, 1))}"
+    return f"{block_title(effect)}, parameters of its block:\n{columns(rows, '  ', left=(0, 1))}"
 
 
 def parameter_rows(segment: Segment) -> list[tuple[str, ...]]:
@@ -61,7 +61,7 @@ def parameter_rows(segment: Segment) -> list[tuple[str, ...]]:
 
 
 def _parameters(segment: Segment, several: bool) -> list[str]:
-    rows, title = parameter_rows(segment), f"parameters of the diagram{of_segment(segment, several)}, fitted with it"
+    rows, title = parameter_rows(segment), f"fitted parameters of the diagram{of_segment(segment, several)}"
     return [f"{title}:\n{columns(rows, left=(0, 4, 6))}"] if rows else []
 
 

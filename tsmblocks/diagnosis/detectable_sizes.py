@@ -35,12 +35,12 @@ def limits_texts(segment: Segment, several: bool) -> list[str]:
     if detectable:
         rows = [[m.name, limit_text(m)] for m in detectable]
         beside = " of further effects" if named else ""
-        parts.append(f"smallest detectable sizes{beside}{where}:\n{columns(rows, '  ', left=(0, 1))}")
+        parts.append(f"detection limits{beside}{where}:\n{columns(rows, '  ', left=(0, 1))}")
         parts += filter(None, [filled(acceleration_note(detectable))])
     if undetectable:
         own = {cause: [m for m in undetectable if m.cause == cause] for cause in CAUSES}
         lines = [f"{CAUSES[cause]}: {', '.join(map(_without_limit, some))}" for cause, some in own.items() if some]
-        parts += bullets(f"not detectable at any size{where}", lines)
+        parts += bullets(f"not testable with these data{where}", lines)
     return parts
 
 

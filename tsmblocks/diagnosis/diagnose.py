@@ -75,7 +75,7 @@ def diagnose(
     The diagram is cut at its measured signals (a closed loop stays whole) and its own parameters are fitted. Then each
     effect of the catalogue is tried on every admissible signal, fitted together with the base, and judged by its loss
     on held-out time blocks. It is named where it removes at least 6 % of the noise variance, significantly, and half of
-    the error above the noise floor. Effects that are indistinguishable from it with these data are listed beside it.
+    the variance above the noise floor. Effects that are indistinguishable from it with these data are listed beside it.
 
     After Ctrl-C, or at the time limit, the effects named so far are returned with ``status`` ``"interrupted"`` or
     ``"limit"``.

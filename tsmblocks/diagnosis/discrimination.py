@@ -12,12 +12,13 @@ from typing import NamedTuple
 import attrs
 import numpy as np
 
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.cross_validation import projected_jacobian, without_initial_states
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.diagnosis.partition import PIECE_SEPARATOR, split_into_pieces
-from tsmblocks.diagnosis.presentation import digits, in_display_units
+from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.effects import Span, span_of
 from tsmblocks.fitting.parameter_vector import Unknowns
 from tsmblocks.fitting.recordings import as_recorded
@@ -69,11 +70,11 @@ def separating_experiment(
         return own.separates
     if not best.size >= MIN_SEPARATION:
         return (
-            f"{own.separates}, in a larger range or at a higher speed than recorded. None of the motions tried within "
-            f"these separates them: the expected difference is at most {digits(best.size)} times the noise, and less "
-            f"than {digits(MIN_SEPARATION)} times is not seen"
+            f"{own.separates}, in a larger range or at a higher speed than recorded. No motion within the recorded "
+            f"range and speed separates them (expected difference {to_digits(best.size)} times the noise; "
+            f"{to_digits(MIN_SEPARATION)} is needed)"
         )
-    return f"{best.words} (expected difference {digits(best.size)} times the noise)"
+    return f"{best.words} (expected difference {to_digits(best.size)} times the noise)"
 
 
 def separations(
@@ -169,16 +170,16 @@ def candidate_motions(span: Span, step: float, unit: str) -> list[Motion]:
 def _motions(t: np.ndarray, span: Span, unit: str) -> list[Motion]:
     """Every motion considered, over the whole range."""
     long, reach, middle, small = float(t[-1]), span.reach, span.middle, SMALL_AMPLITUDE * span.reach
-    lasts, slow = f"{digits(long)} s", 4 / long
+    lasts, slow = f"{to_digits(long)} s", 4 / long
     top, quick = (_frequency(amplitude, span, t) for amplitude in (reach, small))
     size = np.where(t < long / 2, 1.0, 0.2)
     return [
         Motion(f"a slow ramp over the whole range and back, {lasts}", middle + reach * _triangle(t / long)),
         Motion(
-            f"a sine over the whole range at {digits(top)} Hz, {lasts}", middle + reach * np.sin(2 * np.pi * top * t)
+            f"a sine over the whole range at {to_digits(top)} Hz, {lasts}", middle + reach * np.sin(2 * np.pi * top * t)
         ),
         Motion(
-            f"a sine at {digits(slow)} Hz over the whole range, then over a fifth of it, {lasts}",
+            f"a sine at {to_digits(slow)} Hz over the whole range, then over a fifth of it, {lasts}",
             middle + reach * size * np.sin(2 * np.pi * slow * t),
         ),
         Motion(
@@ -186,11 +187,11 @@ def _motions(t: np.ndarray, span: Span, unit: str) -> list[Motion]:
             middle + reach * (1 - t / long) * _triangle(8 * t / long),
         ),
         Motion(
-            f"a chirp of {in_display_units(small, unit)} from {digits(slow)} to {digits(quick)} Hz, {lasts}",
+            f"a chirp of {in_display_units(small, unit)} from {to_digits(slow)} to {to_digits(quick)} Hz, {lasts}",
             middle + small * _chirp(t, slow, quick),
         ),
         Motion(
-            f"a chirp over the whole range from {digits(slow / 4)} to {digits(top)} Hz, {lasts}",
+            f"a chirp over the whole range from {to_digits(slow / 4)} to {to_digits(top)} Hz, {lasts}",
             middle + reach * _chirp(t, slow / 4, top),
         ),
         Motion(
@@ -198,7 +199,7 @@ def _motions(t: np.ndarray, span: Span, unit: str) -> list[Motion]:
             middle + reach * _staircase(t / long, 8, SMALL_AMPLITUDE),
         ),
         Motion(
-            f"steps over the whole range with holds of {digits(long / 6)} s, {lasts}",
+            f"steps over the whole range, each held for {to_digits(long / 6)} s, {lasts} in all",
             middle + reach * _holds(t, long, 2 * reach / (0.9 * span.fastest)),
         ),
     ]

@@ -35,9 +35,9 @@ MAX_PERCENT = 100.0
 """The same of a share [%]."""
 CAUSES = {
     "absorbed": "absorbed by parameters of the model",
-    "beyond range": "only beyond the range of the signals",
+    "beyond range": "detectable only beyond the range of the signals",
     "not excited": "not excited by these experiments",
-    "no insertion point": "without an insertion point",
+    "no insertion point": "no place for it in this diagram",
     "replaces a block": "tried in place of a block, where it has no size",
 }
 """Why an effect has no detection limit, and in words."""

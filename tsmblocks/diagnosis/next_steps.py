@@ -17,7 +17,7 @@ of one sensor varies by less."""
 COMPARE_STRUCTURES = "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare."
 NOISE_RATIO = 5.0
 """Residual over the noise floor up to which the noise itself is worth knowing. Chosen: slow noise is rarely more."""
-SHOW_SHAPE = "Record more of the motion along which the error is predicted, to show its shape."
+SHOW_SHAPE = "Record more data over the full range of the signals that predict the residual, to show its shape."
 """The next step where a coordinate of the motion predicts the residual."""
 
 

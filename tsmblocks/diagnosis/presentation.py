@@ -100,6 +100,11 @@ def size_rows(effect: NamedEffect) -> list[tuple[str, str]]:
     return [(name, size_text(effect, name)) for name in seen]
 
 
+def block_title(effect: NamedEffect) -> str:
+    """The block of an effect, and the effect where its name is another."""
+    return effect.block if effect.block == effect.name else f"{effect.block} ({effect.name})"
+
+
 def absence_text(effect: NamedEffect) -> str:
     """In words the experiments in which an effect with separate sizes is not detectable; empty where there are none."""
     return f"not detectable in {listed(effect.absent_in, 6)}" if effect.absent_in else ""
@@ -179,7 +184,7 @@ def floor_sentence(gap: Gap) -> str:
         )
     if gap.noise_floor < LOWERED * np.hypot(parts.value, parts.from_inputs):
         least = _rms(gap.noise_floor, gap.unit)
-        text += f" It was lowered to {least}, which is all that the recorded signals do not predict of the residual."
+        text += f" It was lowered to {least}, the part of the residual that the recorded signals do not predict."
     return text
 
 

@@ -72,7 +72,7 @@ def why_named(named: FittedCandidate, indistinguishable: Sequence[FittedCandidat
         return ""
     count, fewest = named.parameter_count, min(one.parameter_count for one in others)
     if count < fewest:
-        return f"{named.candidate.effect.name} is named because it has the fewest parameters."
+        return f"{named.candidate.effect.name} is named because the model with it has the fewest parameters."
     if all(named.loss <= one.loss for one in others):
         return f"{named.candidate.effect.name} is named because it leaves the least error on held-out data."
     if all(named.loss <= one.loss for one in others if one.parameter_count <= count):

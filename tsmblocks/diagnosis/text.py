@@ -15,6 +15,7 @@ from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.presentation import (
     absence_text,
+    block_title,
     digits,
     display_unit,
     fitted_rms,
@@ -37,8 +38,8 @@ STATUS = {
     "limit": "ended at the time limit; these are the results until then",
 }
 MORE = (
-    "Details, with --details or found.details(): noise floors, candidates, parameters with intervals, detectable "
-    "sizes, a script."
+    "Details, with --details or found.details(): noise floors, candidates, parameters with intervals, detection "
+    "limits, a script."
 )
 EARLY = {"interrupted": "SEARCH INTERRUPTED. ", "limit": "SEARCH ENDED AT ITS TIME LIMIT. "}
 
@@ -119,8 +120,8 @@ def _headings(titles: Sequence[str], width: int) -> list[list[str]]:
 
 
 def _residual_location(segment: Segment) -> list[str]:
-    above, shares = "of the error above the noise floor", ", each alone" if len(segment.where) > 1 else ""
-    title = f"residual{' before' if segment.effects else ''} by coordinate{shares}"
+    above, overlap = "of the variance above the noise floor", " (shares overlap)" if len(segment.where) > 1 else ""
+    title = f"what predicts the residual{' of the base model' if segment.effects else ''}{overlap}"
     return bullets(title, [f"{percent(w.share)} {above}: {w.words}." for w in segment.where])
 
 
@@ -128,7 +129,7 @@ def _sizes(effect: NamedEffect) -> str:
     """The sizes of an effect, or the parameters of its block where it has none."""
     rows = size_rows(effect) or [(name, with_interval(q)) for name, q in effect.parameters.items()]
     absent = [filled(absence_text(effect), "  ")] if effect.absent_in else []
-    return "\n".join([f"{effect.block} ({effect.name}):", columns(rows, "  ", left=(0, 1)), *absent])
+    return "\n".join([f"{block_title(effect)}:", columns(rows, "  ", left=(0, 1)), *absent])
 
 
 def _changes(diagnosis: Diagnosis) -> list[str]:
@@ -136,7 +137,7 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.effects:
         return []
     lines = [f"{sign} {text}" for sign, text in difference(diagnosis.base, diagnosis.augmented).lines]
-    return ["\n".join(["changes to the diagram:", *lines])]
+    return ["\n".join(["changes from the fitted base model:", *lines])]
 
 
 def indistinguishable_text(effect: NamedEffect) -> str:
@@ -160,12 +161,13 @@ def _consequence(diagnosis: Diagnosis) -> list[str]:
         return [filled(f"Consequence for control: {diagnosis.no_consequence}")] if diagnosis.no_consequence else []
     k, unit = display_unit(found.unit)
     rows = [
-        [f"tracking {cut(found.reference, _name_length())} [{unit}]", "peak to peak", "rms"],
+        [f"error [{unit}]", "peak to peak", "rms"],
         ["without compensation", *(digits(k * v) for v in found.none)],
-        ["compensator on the model as it was", *(digits(k * v) for v in found.base)],
-        ["compensator on the augmented model", *(digits(k * v) for v in found.augmented)],
+        ["compensator from the base model", *(digits(k * v) for v in found.base)],
+        ["compensator from the augmented model", *(digits(k * v) for v in found.augmented)],
     ]
-    return [f"{columns(rows)}\nplant: the augmented model", *([filled(found.words)] if found.words else [])]
+    title = f"simulated tracking of {cut(found.reference, _name_length())}, with the augmented model as the plant:"
+    return [f"{filled(title)}\n{columns(rows)}", *([filled(found.words)] if found.words else [])]
 
 
 # ---- small things --------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ VARIANT_WORDS = {
     "inside": "inside the model, between two parts of the transmission",
     "deflection": "in the deflection of an elastic part",
     "transmission": "between input and output, as hysteresis whose width depends on the speed",
-    "hysteresis": "of its width, which may be zero before",
+    "hysteresis": "of gain and loop width, which may be zero before",
     "gain": "of the gain, at one instant",
     "drift": "of the gain, at a constant rate",
     "low end": "at the low end of the range only",

@@ -38,15 +38,15 @@ def verdict_sentence(segment: Segment) -> str:
         possible += _nearly_as_good(segment) + _other_places(segment.effects)
         doubt = _in_doubt(segment)
         return (
-            f"{first}{effects} {between}: {listed(named, len(named))}. {_reduction(segment)} {possible}{doubt}{ahead}"
+            f"{first}{effects} {between}: {listed(named, len(named))}. {possible} {_reduction(segment)}{doubt}{ahead}"
         )
     if segment.verdict == "unknown":
         return (
-            f"Unmodelled effect {between} that {_none_tried(segment)}: {_best(segment)}. {_shape(segment)} "
-            f"{_error(segment)}{_in_doubt(segment)}{ahead}"
+            f"Unmodelled effect {between} that {_none_tried(segment)}: {_best(segment)}. {_error(segment)} "
+            f"{_shape(segment)}{_in_doubt(segment)}{ahead}"
         )
     weak = (
-        " There is a small error above the noise floor, too small to name an effect with these data."
+        " There is a small residual above the noise floor, too small to name an effect with these data."
         if segment.excess > MIN_VARIANCE_REDUCTION
         else ""
     )
@@ -68,7 +68,7 @@ def _also_possible(segment: Segment) -> str:
     """The sentence on effects that explain the residual as well; of several effects on each of them."""
     found = {e.block: alternatives(e) for e in segment.effects if alternatives(e)}
     if not found:
-        return f"Also possible: {_no_other(segment)}."
+        return _no_other(segment)
     if len(segment.effects) == 1:
         return f"Also possible: {listed(next(iter(found.values())), 9)}."
     return f"Also possible: {'; '.join(f'{listed(names, 9)} instead of {block}' for block, names in found.items())}."
@@ -90,10 +90,12 @@ def _best(segment: Segment) -> str:
     """The candidate that removes most, and why it was not named."""
     fitted = by_removed(r for r in segment.ranking if r.fitted and r.round == 1)
     if not fitted or not fitted[0].gain > 0:
-        return "none removes any of the error above the noise floor"
+        return "none removes any of the variance above the noise floor"
     first = fitted[0]
     share, reason = percent(first.share), f" ({first.why_not})" if first.why_not else ""
-    return f"the best, {candidate_title(first)}, removes {share or 'a part'} of the error above the noise floor{reason}"
+    return (
+        f"the best, {candidate_title(first)}, removes {share or 'a part'} of the variance above the noise floor{reason}"
+    )
 
 
 def candidate_title(one: RankedCandidate) -> str:
@@ -120,11 +122,11 @@ def verdict_word(segment: Segment) -> str:
 
 
 def _no_other(segment: Segment) -> str:
-    """The statement that no other effect explains the residual as well, with the number of effects tried."""
+    """The sentence that no other effect explains the residual as well, with the number of effects tried."""
     count = len(set(segment.effects_tried) - {e.name for e in segment.effects})
     if count > 1:
-        return f"none of the {count} other effects tried"
-    return "none (one other effect was tried)" if count else "none (no other effect was tried)"
+        return f"None of the {count} other effects tried fits as well."
+    return "The one other effect tried does not fit as well." if count else "No other effect was tried."
 
 
 def _none_tried(segment: Segment) -> str:
@@ -139,9 +141,8 @@ def _shape(segment: Segment) -> str:
         return f"The residual has a part in proportion to {segment.varies_with}."
     if segment.irregular:
         return "The residual is irregular: no recorded signal predicts it, and it is too large for noise."
-    along = "; ".join(w.words for w in segment.where)
-    share = f"Of the residual's mean square, {percent(segment.predictable[1])} is predicted from the recorded signals"
-    return f"{share} on held-out data{f': {along}' if along else ''}."
+    share = percent(segment.predictable[1])
+    return f"Of the residual's mean square, {share} is predicted from the recorded signals on held-out data."
 
 
 def slow_noise(segment: Segment) -> str:
@@ -185,7 +186,7 @@ def worst_gap(segment: Segment) -> Gap:
 def _reduction(segment: Segment) -> str:
     gap = worst_gap(segment)
     k, unit = display_unit(gap.unit)
-    share = sum(e.share_removed for e in segment.effects)
+    share = _share_removed(gap)
     them = "it" if len(segment.effects) == 1 else "them"
     falls = (
         f"With {them}, the error of {gap.output} on held-out data falls from {digits(k * gap.held_out[0])} to "
@@ -195,12 +196,18 @@ def _reduction(segment: Segment) -> str:
     if gap.held_out[-1] < REMAINING_ERROR_RATIO * gap.noise_floor or not gap.noise_floor > 0:
         # Else there is nothing that a share could be of; where more than noise is left, the floor does not measure it.
         above = segment.complete and gap.held_out[0] > gap.noise_floor
-        by = f", by {percent(share)} of the error above the noise floor" if above else ""
+        by = f", by {percent(share)} of the variance above the noise floor" if above else ""
         return f"{falls} (noise floor {floor}){by}.{others}"
     if segment.complete:
         return f"{falls}.{others} {_noise_that_remains(gap)}"  # a share of what is above the floor would contradict it
-    by = f", by {percent(share)} of the error above the noise floor" if share < ALL_SHARE else ""
+    by = f", by {percent(share)} of the variance above the noise floor" if share < ALL_SHARE else ""
     return f"{falls} (noise floor {floor}){by}.{others} {_remaining(segment, gap)}"
+
+
+def _share_removed(gap: Gap) -> float:
+    """The share of the variance of an output above its noise floor that the effects remove, on held-out data."""
+    before, after = gap.held_out[0] ** 2, gap.held_out[-1] ** 2
+    return min((before - after) / max(before - gap.noise_floor**2, 1e-300), 1.0)
 
 
 def _other_outputs(segment: Segment, reported: Gap) -> str:
@@ -224,13 +231,13 @@ def _goes(gap: Gap) -> str:
 
 
 def _noise_that_remains(gap: Gap) -> str:
-    """Why an error above the noise floor counts as noise."""
+    """Why a model is complete that leaves more than the noise floor."""
     k, unit = display_unit(gap.unit)
     floor = f"{digits(k * gap.noise_floor)} {unit}".rstrip()
     ratio = gap.held_out[-1] / gap.noise_floor
     return (
-        "What remains counts as noise, since no recorded signal predicts it: it may be slow noise. "
-        f"It is {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)})."
+        f"That is {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}), but no recorded signal predicts it "
+        "on held-out data: it is slow noise, or a model error that does not repeat with the motion."
     )
 
 

@@ -179,7 +179,7 @@ GAIN_DRIFT = attrs.evolve(
 )
 LOOP_CHANGE = attrs.evolve(
     GAIN_CHANGE,
-    words="a sudden change of the hysteresis",
+    words="a sudden change of the gain and the hysteresis",
     block=blocks.LoopChange(),
     null={"change": 0.0, "gain": 0.0},
     free=("change", "gain", "distance", "time"),

@@ -235,7 +235,7 @@ class _Wording:
             f"{names} {what if len(main) > 1 else alone}: with {listed(steps, MOST_NAMED + 1)}{also}, "
             f"{self.change(exact, factor * effect)}."
         )
-        words += " Of the values that fit equally well, those nearest to the diagram's own are used." if nearest else ""
+        words += " Of values that fit equally well, those closest to the diagram's own are reported." if nearest else ""
         named = [i for i in range(len(v)) if i in every or (exact and i in others)]
         named.sort(key=lambda i: (i not in every, i))
         parts = tuple(self.names[i] for i in named), tuple(float(v[i]) for i in named)
@@ -246,6 +246,8 @@ class _Wording:
         """By how much the outputs change, in rms values of the residual."""
         if exact or not 0 < amount < math.inf:
             return "the outputs stay the same"
+        if amount >= 1:
+            return f"the outputs change by {to_digits(amount, 1)} times the residual, but as slowly as that does"
         return f"the outputs change by no more than {to_digits(amount, 1)} times the residual"
 
     def moves(self, v: np.ndarray, main: list[int]) -> tuple[dict[int, str], float]:
@@ -264,8 +266,8 @@ class _Wording:
 
     def uncertain(self, i: int, value: float, half: float, beyond: bool) -> Undetermined:
         """One parameter whose interval is wider than it, or (``beyond``) than its bounds."""
-        than = "its bounds are apart" if beyond else "the parameter itself"
+        than = "its bounds" if beyond else "its value"
         estimate = plus_minus(value, half, self.units[i])
-        words = f"{self.names[i]} is hardly determined: {estimate}, an interval wider than {than}."
+        words = f"{self.names[i]} is poorly determined: {estimate}, a confidence interval wider than {than}."
         v = np.eye(len(self.names))[i]
         return Undetermined(UNCERTAIN, (self.names[i],), (1.0,), self.effect(v), words)

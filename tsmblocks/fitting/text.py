@@ -127,7 +127,9 @@ def estimate_cautions(fit: Fit) -> list[str]:
     uncertain = {u.names[0]: u.words for u in fit.undetermined if u.kind == UNCERTAIN}
     for name in dict.fromkeys(_gathered([(name,) for name in uncertain])):
         said.append(
-            uncertain.get(name, f"{name} is hardly determined: an interval is wider than the value or its bounds.")
+            uncertain.get(
+                name, f"{name} is poorly determined: a confidence interval is wider than the value or its bounds."
+            )
         )
     said += [f"The fit ended at {name}: a better one may lie beyond it." for name in fit.active]
     pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= {*u.names} for u in fit.undetermined)]

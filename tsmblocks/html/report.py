@@ -276,7 +276,7 @@ def _tracking(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if tracking is None:
         return None
     k, unit = display_unit(tracking.unit)
-    names = ("no compensation", "compensator on the model as it was", "compensator on the augmented model")
+    names = ("no compensation", "compensator from the base model", "compensator from the augmented model")
     runs = zip(names, (tracking.none, tracking.base, tracking.augmented), strict=True)
     rows = [(name, digits(k * peak), digits(k * rms)) for name, (peak, rms) in runs]
     return {"reference": tracking.reference, "unit": unit, "rows": rows, "words": tracking.words}
