@@ -87,7 +87,7 @@ def test_a_reason_without_a_name_of_a_parameter():
 @pytest.mark.parametrize(
     ("name", "variant", "size", "most"),
     [
-        ("dead_zone", "low", "slope lost", 100.0),
+        ("dead_zone", "low end", "slope lost", 100.0),
         ("backlash", "", "gap width", 3 * 2.2),  # the signal ranges from -1 to 1.2
         ("rate_limit", "output", "fastest rise", 5.0),
         ("dead_time", "", "delay", 20_000.0),  # ms
