@@ -33,7 +33,7 @@ NO_EXCESS = "the error is within the noise"
 TOO_LITTLE = "removes too little"
 LEAVES_MORE = "larger error than another"
 MORE_GENERAL = "more parameters, no smaller error"
-EXPLAINED_BY_OTHER = "explained by another effect"
+EXPLAINED_BY_OTHER = "the recorded signals predict what it leaves"
 NOT_ACCEPTED = "too little beside those named"
 
 

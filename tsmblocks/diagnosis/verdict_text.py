@@ -248,9 +248,10 @@ def _remaining(segment: Segment, gap: Gap) -> str:
     small = next((r for r in further if r.why_not == NOT_ACCEPTED), None)
     if small is not None:
         form = f"form of {segment.effects[0].block}" if len(segment.effects) == 1 else "forms of the named effects"
+        removed = f"{percent(small.share) or 'a part'} of the rest"
         return (
-            f"{still}. Adding {candidate_title(small)} reduces it, but by no more than a small error in the {form} "
-            "would explain, so it is not named."
+            f"{still}. {candidate_title(small)} would remove {removed}; it is not named, since a slightly wrong {form} "
+            "may leave as much."
         )
     why = f"that {_none_tried(segment)}" if further else "that was not examined further"
     share = percent(segment.predictable[1])
