@@ -81,7 +81,7 @@ def test_beside_the_one_named_the_others_leave_more_or_are_more_general():
 
 def test_a_round_without_an_effect_says_why_its_best_was_not_accepted():
     best = candidate("gap", 1.3)
-    assert reason(best, named=best) == rejection.EXPLAINED_BY_OTHER
+    assert reason(best, named=best) == rejection.LEAVES_PREDICTED
     small = candidate("gap", 1.8)
     assert reason(small, named=small) == rejection.TOO_LITTLE
     assert reason(small, named=small, out_of_bounds=1.1) == "another, at a bound, leaves less"

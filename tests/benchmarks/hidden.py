@@ -3,7 +3,7 @@
     python tests/benchmarks/hidden.py [--seeds N] [--first SEED] [--groups null,single] [--workers 2]
                                       [--out FILE.jsonl] [--table FILE.jsonl] [--every N] [--baselines]
 
-Each case goes into FILE.jsonl as it is done; started again, the command goes on where it was stopped. ``--table`` only
+Each case is written to FILE.jsonl when it is done; the command run again does those that are missing. ``--table`` only
 reads such a file. See README.md beside this file.
 """
 

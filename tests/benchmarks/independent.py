@@ -2,9 +2,9 @@
 
     python tests/benchmarks/independent.py --group nulls --seeds 0:36 [--workers 2] [--floor] [--out FILE.jsonl]
 
-Cases (``independent_cases.py``) have forms, noise and starts of their own; nothing is said about holds, names of free
-parameters, or without ``--floor`` about the noise. A name counts as right where it is one of ``RIGHT``. Each case goes
-into FILE.jsonl as it is done; started again, the command goes on where it was stopped.
+Cases (``independent_cases.py``) have forms, noise and initial states of their own. Holds and free parameters are not
+given, and the noise only with ``--floor``. A name is correct where it is one of ``RIGHT``. Each case is written to
+FILE.jsonl when it is done; the command run again does those that are missing.
 """
 
 from __future__ import annotations

@@ -96,8 +96,7 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
 
 def size_rows(effect: NamedEffect) -> list[tuple[str, str]]:
     """Names and texts of the sizes of an effect, without those of experiments in which it is absent."""
-    seen = [name for name in effect.sizes if name.partition("@")[2] not in effect.absent_in]
-    return [(name, size_text(effect, name)) for name in seen]
+    return [(name, size_text(effect, name)) for name in effect.sizes if not effect.is_absent(name)]
 
 
 def block_title(effect: NamedEffect) -> str:

@@ -33,7 +33,7 @@ NO_EXCESS = "the error is within the noise"
 TOO_LITTLE = "removes too little"
 LEAVES_MORE = "larger error than another"
 MORE_GENERAL = "more parameters, no smaller error"
-EXPLAINED_BY_OTHER = "the recorded signals predict what it leaves"
+LEAVES_PREDICTED = "the recorded signals predict what it leaves"
 NOT_ACCEPTED = "too little beside those named"
 
 
@@ -120,4 +120,4 @@ def _not_accepted(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCa
     share = (before - one.loss) / max(before - diagnosed.noise_variance, 1e-12)
     if diagnosed.count:
         return NOT_ACCEPTED
-    return EXPLAINED_BY_OTHER if share >= MIN_EXCESS_SHARE else TOO_LITTLE
+    return LEAVES_PREDICTED if share >= MIN_EXCESS_SHARE else TOO_LITTLE

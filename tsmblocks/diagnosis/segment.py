@@ -57,10 +57,9 @@ class NamedEffect:
     as_force: Mapping[str, str] = attrs.field(factory=dict)
     absent_in: tuple[str, ...] = ()
 
-    @property
-    def unseen(self) -> set[str]:
-        """Names of its parameters in the experiments in which it is absent, as in the fit."""
-        return {f"{self.block}.{name}" for name in self.parameters if name.partition("@")[2] in self.absent_in}
+    def is_absent(self, name: str) -> bool:
+        """Whether a size or a parameter, ``size@r1``, is that of an experiment in which the effect is absent."""
+        return name.partition("@")[2] in self.absent_in
 
 
 @attrs.frozen
@@ -235,5 +234,6 @@ class Segment:
         far = self.verdict == "none" and any(g.held_out[0] > FAR_ABOVE * g.noise_floor > 0 for g in self.gaps)
         if self.fit is None:
             return ()
-        seen = without(self.fit, {name for effect in self.effects for name in effect.unseen})
+        absent = {f"{e.block}.{name}" for e in self.effects for name in e.parameters if e.is_absent(name)}
+        seen = without(self.fit, absent)
         return (*[MAYBE] * far, *cautions(seen, across, complete=self.complete))

@@ -192,6 +192,17 @@ def in_front(effect: Effect, words: str = "") -> Effect:
     return attrs.evolve(effect, words=said, place="input", variant="input", other_words=others)
 
 
+def separate(effect: Effect, instant: str = "", words: str = "") -> Effect:
+    """The variant with one size for each recording, at one ``instant`` each, where recordings share no clock."""
+    return attrs.evolve(
+        effect,
+        words=words or effect.words,
+        trials=lambda scales: None if scales.one_clock else effect.trials(scales),
+        variant=f"{effect.variant}, separate sizes{' and times' if instant else ''}".lstrip(", "),
+        local=(*effect.null, *filter(None, [instant])),
+    )
+
+
 def across(effect: Effect, name: str, variant: str) -> Effect:
     """A variant that adds to signal ``u`` the change that the block of an effect, under ``name``, makes to ``x``."""
     block = Diagram(

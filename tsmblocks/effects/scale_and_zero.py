@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import attrs
-
 from tsmblocks.blocks import Bias, GainError
-from tsmblocks.effects.effect import Effect, in_front
+from tsmblocks.effects.effect import Effect, in_front, separate
 from tsmblocks.effects.sizes import PERCENT, in_proportion
 from tsmblocks.effects.trials import Trials
 
@@ -37,26 +35,13 @@ GAIN_ERROR = Effect(
     separates="slow motion over a known distance",
     sizes=(in_proportion("error of the gain", "error", "%", PERCENT),),
 )
-
-
-def _separate(effect: Effect, words: str) -> Effect:
-    """The variant with one size for each recording, where these share no clock: something was changed in between."""
-    return attrs.evolve(
-        effect,
-        words=words,
-        trials=lambda scales: None if scales.one_clock else effect.trials(scales),
-        variant=", ".join(filter(None, [effect.variant, "separate sizes"])),
-        local=effect.free,
-    )
-
-
 _GAIN_OF_RECORDING = "a gain that differs between recordings"
 EFFECTS = (
     GAIN_ERROR,
     in_front(GAIN_ERROR),
-    _separate(GAIN_ERROR, _GAIN_OF_RECORDING),
-    _separate(in_front(GAIN_ERROR), _GAIN_OF_RECORDING),
+    separate(GAIN_ERROR, words=_GAIN_OF_RECORDING),
+    separate(in_front(GAIN_ERROR), words=_GAIN_OF_RECORDING),
     OFFSET,
     in_front(OFFSET, "an offset of the input"),
-    _separate(OFFSET, "an offset that differs between recordings"),
+    separate(OFFSET, words="an offset that differs between recordings"),
 )

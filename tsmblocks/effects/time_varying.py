@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import attrs
 
 from tsmblocks import blocks
-from tsmblocks.effects.effect import Effect, across, in_front
+from tsmblocks.effects.effect import Effect, across, in_front, separate
 from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
 
@@ -102,17 +102,6 @@ CHANGE_OF_GAIN = in_proportion("change of the gain", "change", "%", PERCENT)
 
 
 _CHANGE_OF_GAIN_TOO = in_proportion("change of the gain", "gain", "%", PERCENT)
-
-
-def _own(effect: Effect, instant: str = "") -> Effect:
-    """The variant of an effect with a separate size and instant in each recording, where these share no clock."""
-    return attrs.evolve(
-        effect,
-        trials=lambda scales: None if scales.one_clock else effect.trials(scales),
-        variant=f"{effect.variant}, separate sizes{' and times' if instant else ''}".lstrip(", "),
-        local=(*effect.null, *filter(None, [instant])),
-        sizes=tuple(one for one in effect.sizes if one.value is not _whole_drift),  # each recording has its length
-    )
 
 
 DRIFT = Effect(
@@ -246,19 +235,19 @@ SOFT_RATE_LIMIT = attrs.evolve(
 )
 EFFECTS = (
     DRIFT,
-    _own(DRIFT),
+    attrs.evolve(separate(DRIFT), sizes=DRIFT.sizes[1:]),  # no total: each recording has its length
     JUMP,
-    _own(JUMP, "time"),
+    separate(JUMP, "time"),
     LOAD_STEP,
-    _own(LOAD_STEP, "time"),
+    separate(LOAD_STEP, "time"),
     GAIN_CHANGE,
-    _own(GAIN_CHANGE, "time"),
+    separate(GAIN_CHANGE, "time"),
     GAIN_DRIFT,
-    _own(GAIN_DRIFT),
+    separate(GAIN_DRIFT),
     LOOP_CHANGE,
-    _own(LOOP_CHANGE, "time"),
+    separate(LOOP_CHANGE, "time"),
     LOOP_CHANGE_OF_INPUT,
-    _own(LOOP_CHANGE_OF_INPUT, "loop.time"),
+    separate(LOOP_CHANGE_OF_INPUT, "loop.time"),
     CREEP,
     attrs.evolve(
         CREEP,
@@ -272,9 +261,9 @@ EFFECTS = (
         sizes=(CREPT, in_proportion("shortest time constant", "fastest", "s")),
     ),
     DISTURBANCE,
-    _own(DISTURBANCE),
+    separate(DISTURBANCE),
     DRIVE_DISTURBANCE,
-    _own(DRIVE_DISTURBANCE),
+    separate(DRIVE_DISTURBANCE),
     RATE_LIMIT,
     attrs.evolve(RATE_LIMIT, place="drive", variant="drive"),
     SOFT_RATE_LIMIT,

@@ -136,11 +136,15 @@ class Signal:
         made._steps = (start, step)
         return made
 
+    @cached_property
+    def _areas(self) -> np.ndarray:
+        """The integral of a held signal up to each of its samples."""
+        return np.append(0.0, np.cumsum(self.y[:-1] * np.diff(self.t)))
+
     def _integral(self, t: np.ndarray) -> np.ndarray:
         """The integral of a held signal up to ``t``; before its samples it has the first value, and then the last."""
-        ends = np.append(self.t, max(float(np.max(t)), self.t[-1]) + 1.0)
-        whole = np.append(0.0, np.cumsum(self.y * np.diff(ends)))
-        return np.where(t < self.t[0], self.y[0] * (t - self.t[0]), np.interp(t, ends, whole))
+        last = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
+        return np.asarray(self._areas[last] + self.y[last] * (t - self.t[last]))
 
     def is_constant_within_steps(self, start: float, step: float) -> bool:
         """Whether the signal is held, and changes at steps only."""

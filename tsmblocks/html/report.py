@@ -237,8 +237,8 @@ def _sizes(effect: NamedEffect) -> Markup:
 
 def _numbers(diagnosis: Diagnosis, effect: NamedEffect) -> Markup:
     """The fitted parameters of an effect's block where it is present, with intervals, and its other ones."""
-    seen = {name: q for name, q in effect.parameters.items() if name.partition("@")[2] not in effect.absent_in}
-    shown = [Markup("{} {}").format(name, with_interval(q)) for name, q in seen.items()]
+    seen = [(name, q) for name, q in effect.parameters.items() if not effect.is_absent(name)]
+    shown = [Markup("{} {}").format(name, with_interval(q)) for name, q in seen]
     known, parameters = numbers(diagnosis.augmented), diagnosis.augmented.parameters
     fitted = {name.partition("@")[0] for name in effect.parameters}
     for full, value in parameters.items():
