@@ -108,9 +108,11 @@ class PID(Block):
     symbol_with_values = "PID\nkp {kp}, ki {ki}, kd {kd}"
 
     kp: float = parameter(default=1.0, about="proportional gain")
-    ki: float = parameter(default=0.0, about="integral gain", unit="1/s")
-    kd: float = parameter(default=0.0, about="derivative gain", unit="s")
-    tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", above=0.0)
+    ki: float = parameter(default=0.0, about="integral gain", unit="1/s", factor="ki")
+    kd: float = parameter(default=0.0, about="derivative gain", unit="s", factor="kd")
+    tau: float = parameter(
+        default=0.01, about="time constant of the derivative filter", unit="s", above=0.0, factor="kd"
+    )
 
     e = Input("reference minus measurement", unit="?e")
     y = Output("control effort", unit="?y")
@@ -145,14 +147,18 @@ class PIDController(Block):
     symbol_with_values = "PID\nkp {kp}, ki {ki}, kd {kd}"
 
     kp: float = parameter(default=1.0, about="proportional gain")
-    ki: float = parameter(default=0.0, about="integral gain", unit="1/s")
-    kd: float = parameter(default=0.0, about="derivative gain", unit="s")
-    tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", above=0.0)
+    ki: float = parameter(default=0.0, about="integral gain", unit="1/s", factor="ki")
+    kd: float = parameter(default=0.0, about="derivative gain", unit="s", factor="kd")
+    tau: float = parameter(
+        default=0.01, about="time constant of the derivative filter", unit="s", above=0.0, factor="kd"
+    )
     b: float = parameter(default=1.0, about="weight of the reference in the proportional action")
-    c: float = parameter(default=0.0, about="weight of the reference in the derivative action")
+    c: float = parameter(default=0.0, about="weight of the reference in the derivative action", factor="c")
     low: float = parameter(default=-math.inf, about="smallest output", unit="?u", finite=False)
     high: float = parameter(default=math.inf, about="largest output", unit="?u", finite=False)
-    kaw: float = parameter(default=2.0, about="rate of the anti-windup at a limit", unit="1/s", at_least=0.0)
+    kaw: float = parameter(
+        default=2.0, about="rate of the anti-windup at a limit", unit="1/s", at_least=0.0, factor="ki"
+    )
 
     r = Input("reference", unit="?r")
     ym = Input("measurement", unit="?r")

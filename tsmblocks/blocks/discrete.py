@@ -159,12 +159,16 @@ class DiscretePID(Block):
 
     period: float = _period()
     kp: float = parameter(default=1.0, about="proportional gain")
-    ki: float = parameter(default=0.0, about="integral gain", unit="1/s")
-    kd: float = parameter(default=0.0, about="derivative gain", unit="s")
-    tau: float = parameter(default=0.01, about="time constant of the derivative filter", unit="s", at_least=0.0)
+    ki: float = parameter(default=0.0, about="integral gain", unit="1/s", factor="ki")
+    kd: float = parameter(default=0.0, about="derivative gain", unit="s", factor="kd")
+    tau: float = parameter(
+        default=0.01, about="time constant of the derivative filter", unit="s", at_least=0.0, factor="kd"
+    )
     low: float = parameter(default=-math.inf, about="smallest output", unit="?u", finite=False)
     high: float = parameter(default=math.inf, about="largest output", unit="?u", finite=False)
-    kaw: float = parameter(default=2.0, about="rate of the anti-windup at a limit", unit="1/s", at_least=0.0)
+    kaw: float = parameter(
+        default=2.0, about="rate of the anti-windup at a limit", unit="1/s", at_least=0.0, factor="ki"
+    )
 
     e = Input("reference minus measurement", unit="?e")
     y = Output("control effort within the limits", unit="?u")

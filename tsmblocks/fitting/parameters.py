@@ -7,6 +7,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
+import attrs
+
 from tsmblocks.common import arguments
 from tsmblocks.common.errors import ParameterError, in_words
 from tsmblocks.fitting.parameter_vector import Unknown
@@ -22,15 +24,21 @@ MARGIN = 1e-9
 
 
 def declarations(diagram: Diagram, prefix: str = "") -> Iterator[tuple[str, Field, str]]:
-    """Every single number of a diagram: its full name, its declaration, and the shared number it refers to."""
+    """Every single number of a diagram: its full name, its declaration, and the shared number it refers to.
+
+    What belongs to a term that is switched off, as the derivative filter of a PI controller, counts as known.
+    """
     for name, block in diagram.blocks.items():
         if isinstance(block, Diagram):
             yield from declarations(block, f"{prefix}{name}.")
             continue
-        known = block.fields()
-        for key, value in block.parameters.items():
+        fields, given = block.fields(), block.parameters
+        for key, value in given.items():
+            field = fields[key]
+            if field.factor and given[field.factor] == 0:
+                field = attrs.evolve(field, known=True)
             for leaf, number in leaves(value, f"{prefix}{name}.{key}"):
-                yield leaf, known[key], prefix + number[1:] if is_reference(number) else ""
+                yield leaf, field, prefix + number[1:] if is_reference(number) else ""
 
 
 def numbers(diagram: Diagram) -> dict[str, list[Field]]:
@@ -48,7 +56,8 @@ def numbers(diagram: Diagram) -> dict[str, list[Field]]:
 def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free") -> list[str]:
     """Parameters named by patterns (``tsm.*``, ``offset.bias``), in the diagram's order.
 
-    Without patterns: all but initial states, and parameters that are ``known`` by declaration. Raises ParameterError
+    Without patterns: all but initial states, parameters that are ``known`` by declaration, and those of terms that are
+    switched off. Raises ParameterError
     for a pattern that matches nothing.
     """
     known = numbers(diagram)

@@ -163,6 +163,7 @@ class Field:
     omitted: Any = None
     opposite: str = ""
     acts_at: str = ""
+    factor: str = ""
 
     @property
     def low(self) -> float:
@@ -213,6 +214,7 @@ def parameter(
     omitted: float | None = None,
     opposite: str = "",
     acts_at: str = "",
+    factor: str = "",
 ) -> Any:
     """Declare a parameter: a number or a tuple that stays a symbol until the run, to be swept, fitted, differentiated.
 
@@ -242,6 +244,9 @@ def parameter(
     acts_at : str, default ""
         The input whose values it is compared with, such as the speed below which friction is linear: a fit remarks
         where recordings do not reach it.
+    factor : str, default ""
+        The parameter (itself or another) that is the factor of its term, as ``kd`` is for the derivative filter of a
+        PID controller: where that is zero, the term is absent, and a fit keeps the parameter unless it is named.
 
     Returns
     -------
@@ -255,7 +260,7 @@ def parameter(
         gain: float = tsm.parameter(default=2.0, about="gain", unit="N*m/rad", above=0.0)
     """
     spec = Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known, initial=initial)
-    return _field(default, attrs.evolve(spec, omitted=omitted, opposite=opposite, acts_at=acts_at))
+    return _field(default, attrs.evolve(spec, omitted=omitted, opposite=opposite, acts_at=acts_at, factor=factor))
 
 
 def option(
