@@ -18,7 +18,7 @@ from tsmblocks.diagnosis.decision import (
 from tsmblocks.diagnosis.forward_selection import MAX_EFFECTS, forward_search, next_base, search_round
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
-from tsmblocks.effects import Replacement
+from tsmblocks.effects import Effect, Relative, Replacement
 
 
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
@@ -78,12 +78,20 @@ def _same_effect(this: FittedCandidate, new: FittedCandidate) -> bool:
     return effect.name == name or name in effect.contains
 
 
+def _is_simpler_form(one: Effect | Relative, other: Effect | Relative) -> bool:
+    """Whether one is the same effect at the same kind of place, with fewer parameters."""
+    if not (isinstance(one, Effect) and isinstance(other, Effect)) or (one.name, one.place) != (other.name, other.place):
+        return False
+    return set(one.free) < set(other.free) and set(one.local) <= set(other.local)
+
+
 def rounds_for(
     found: Sequence[SearchRound], search: SearchContext, model: Model
 ) -> tuple[list[SearchRound], Model, Shrinkage]:
     """Rounds that search for the effects named in these only, the model with them, and their shrinkage.
 
-    ``model`` is the one without any effect. Effects that are not named alone are left out.
+    ``model`` is the one without any effect. Effects that are not named alone are left out. A simpler form of an effect
+    takes its place where it explains as much: it may have been no candidate beside those that are gone.
     """
     made = list[SearchRound]()
     shrinkage: Shrinkage = {}
@@ -92,7 +100,8 @@ def rounds_for(
             continue
         effect = one.verdict.named.candidate.effect
         alone = effect.relative if isinstance(effect, Replacement) else effect
-        again = search_round(model, shrinkage, attrs.evolve(search, effects=[alone]), one)
+        forms = [alone, *(other for other in search.effects if _is_simpler_form(other, alone))]
+        again = search_round(model, shrinkage, attrs.evolve(search, effects=forms), one)
         if again.verdict.named is None:
             continue
         made.append(attrs.evolve(again, single_effect=True, repeated=one.repeated or one))
