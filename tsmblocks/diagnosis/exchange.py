@@ -80,9 +80,10 @@ def _same_effect(this: FittedCandidate, new: FittedCandidate) -> bool:
 
 def _is_simpler_form(one: Effect | Relative, other: Effect | Relative) -> bool:
     """Whether one is the same effect at the same kind of place, with fewer parameters."""
-    if not (isinstance(one, Effect) and isinstance(other, Effect)) or (one.name, one.place) != (other.name, other.place):
+    if not (isinstance(one, Effect) and isinstance(other, Effect)):
         return False
-    return set(one.free) < set(other.free) and set(one.local) <= set(other.local)
+    fewer = set(one.free) < set(other.free) and set(one.local) <= set(other.local)
+    return fewer and (one.name, one.place) == (other.name, other.place)
 
 
 def rounds_for(

@@ -37,6 +37,12 @@ LARGEST_CHANGE = 1e3
 """Largest change of an unknown in one step, in multiples of its magnitude. Chosen: no limit to ordinary steps."""
 LEAST_GAIN = 1e-6
 """Gain relative to the cost below which finite differences are given up. Chosen."""
+FAR_WORSE = 2.0
+"""Cost after a step over that before from which the step went too far in what hardly matters. Chosen: ordinary steps
+that fail, by the curvature of the outputs, end below it at some damping."""
+LITTLE_EFFECT = 0.03
+"""Change of the outputs by one unknown, in that of the whole step, below which it stays where it is after such a step.
+Chosen: a thousandth of the predicted gain."""
 MOST_DAMPINGS = 16
 """Dampings that are tried before the search counts as stalled. Chosen."""
 
@@ -79,9 +85,9 @@ class _Search:
 
     def iterate(self) -> str:
         """One step, with more damping until it reduces the merit; the status where the search ends, else ``""``."""
-        grow = 2.0
+        grow, kept = 2.0, np.zeros(len(self.theta), dtype=bool)
         for _ in range(MOST_DAMPINGS):
-            step = self.step(self.damping)
+            step = self.step(self.damping, kept)
             if step is None:
                 return "stalled"
             if self.negligible(step):
@@ -100,11 +106,24 @@ class _Search:
                 share = min(gained / step.predicted, 2.0)
                 self.damping = max(self.damping * max(1 / 5, 1 - (2 * share - 1) ** 3), LEAST_DAMPING)
                 return ""
+            if not cost <= FAR_WORSE * self.cost:
+                kept = kept | self.of_little_effect(step)
             self.damping, grow = max(self.damping, 1e-9) * grow, 2 * grow
         return "stalled"
 
-    def step(self, damping: float) -> _Step | None:
-        """The step of the damped quadratic model, in variables scaled by the sensitivity of the outputs."""
+    def of_little_effect(self, step: _Step) -> np.ndarray:
+        """The unknowns (n,) that change the outputs little in a step, however far they go in it.
+
+        The initial states of what a play does not transmit yet have next to no effect at first, and go far for little.
+        """
+        moved = np.sqrt(np.diag(self.matrix)) * np.abs(step.theta - self.theta)
+        return np.asarray(moved < LITTLE_EFFECT * np.sqrt(2 * max(step.predicted, 0.0)))
+
+    def step(self, damping: float, kept: np.ndarray | None = None) -> _Step | None:
+        """The step of the damped quadratic model, in variables scaled by the sensitivity of the outputs.
+
+        Unknowns that are ``kept`` (n,) stay where they are.
+        """
         problem, sensitivity = self.problem, np.sqrt(np.diag(self.matrix))
         if not np.isfinite(self.matrix).all():
             return None
@@ -115,6 +134,8 @@ class _Search:
         size = np.where(
             sensitivity > 1e-150, np.minimum(1 / np.maximum(sensitivity, 1e-150), longest), np.maximum(initial, 1e-6)
         )
+        if kept is not None:
+            size = np.where(kept, 0.0, size)
         rows, bounds, equal = linearised_constraints(problem, self.theta)
         matrix = self.matrix * size[:, None] * size  # one after the other: the product of two sizes may overflow
         damped = matrix + damping * np.eye(len(size))
