@@ -36,6 +36,9 @@ MAX_RISE = 0.05
 """Relative rise of the mean square up to which a hold explains as much as a named delay. Chosen: a delay that is no
 hold leaves several times as much, and the effect has one parameter more."""
 
+TIME = "time"
+"""Parameter of a dead time that is its length."""
+
 
 @attrs.frozen
 class Commands:
@@ -129,6 +132,32 @@ def commands_instead(base: Model, named: Model, may_be_held: Collection[str]) ->
             if optimized(problem, held, base.theta).mean_square <= (1 + MAX_RISE) * named.mean_square:
                 return Commands(held=(name,))
     return NO_COMMANDS
+
+
+@attrs.frozen
+class HeldDelay:
+    """The dead time [s] of a block with an input held between samples, which the outputs do not exclude."""
+
+    block: str
+    input: str
+    time: float
+
+
+def delays_if_held(final: Model, blocks: Collection[str], may_be_held: Collection[str]) -> list[HeldDelay]:
+    """The dead times of some blocks with an input held that is not, where the outputs agree with that as well.
+
+    A hold is half a sample of dead time, and beside another dead time recordings seldom tell them apart.
+    """
+    names, found = [item.name for item in final.problem.unknowns.items], list[HeldDelay]()
+    for name in may_be_held if blocks else ():
+        held = setup_held(final.setup, name) if name in final.diagram.inputs else None
+        if held is None:
+            continue
+        made = optimized(attrs.evolve(final.problem, experiments=held.experiments), held, final.theta)
+        if made.mean_square <= (1 + MAX_RISE) * final.mean_square:
+            own = {block: names.index(f"{block}.{TIME}") for block in blocks if f"{block}.{TIME}" in names}
+            found += [HeldDelay(block, name, float(made.theta[at])) for block, at in own.items()]
+    return found
 
 
 def _resolving_holds(model: Model, name: str) -> Model:

@@ -21,7 +21,7 @@ from tsmblocks.common.one_thread import on_one_thread
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
-from tsmblocks.diagnosis.commands import OtherCommands
+from tsmblocks.diagnosis.commands import OtherCommands, delays_if_held
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
 from tsmblocks.diagnosis.evidence import Evidence, evidence
@@ -33,7 +33,7 @@ from tsmblocks.diagnosis.model import Model, ProgressCallback
 from tsmblocks.diagnosis.noise_floor import doubtful_floors, input_noise_rms, noise_level, propagated_input_noise
 from tsmblocks.diagnosis.partition import partition
 from tsmblocks.diagnosis.plain_states import with_plain_states
-from tsmblocks.diagnosis.preparation import Prepared, prepared, prepared_again
+from tsmblocks.diagnosis.preparation import DELAY, Prepared, prepared, prepared_again
 from tsmblocks.diagnosis.quantities import recorded_units
 from tsmblocks.diagnosis.recurring_events import without_recurring_events
 from tsmblocks.diagnosis.refinement import limit_notes, with_fine_step
@@ -266,7 +266,10 @@ def _judged(
     judged = DiagnosedPart(
         part, search, ready.floors, rounds, count, final, predicted, left, varying, filtered=ready.filtered
     )
-    return judged, notes
+    if interrupted:
+        return judged, notes
+    delays = [one.candidate.block for one in judged.named if one.candidate.effect.family == DELAY]
+    return attrs.evolve(judged, delays_if_held=tuple(delays_if_held(final, delays, ready.may_be_held))), notes
 
 
 def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -> SearchContext:

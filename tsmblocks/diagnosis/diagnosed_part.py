@@ -8,6 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.acceptance import attained_noise
+from tsmblocks.diagnosis.commands import HeldDelay
 from tsmblocks.diagnosis.credibility import parameters_in_doubt
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import FittedCandidate, mean_loss
@@ -60,6 +61,8 @@ class DiagnosedPart:
     """The effects that were accepted at first and then left out."""
     filtered: tuple[str, ...] = ()
     """The inputs whose noise was filtered out."""
+    delays_if_held: tuple[HeldDelay, ...] = ()
+    """The dead times that were named, with an input held that may be."""
 
     @property
     def blocks(self) -> TimeBlocks:

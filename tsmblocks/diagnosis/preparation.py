@@ -82,11 +82,11 @@ class Prepared:
         """Raise OtherCommands where the hold of an input explains as much as a delay that was named beside ``base``."""
         if self.settled or named.candidate.effect.family != DELAY:
             return
-        if found := commands_instead(base, named.model, self._may_be_held):
+        if found := commands_instead(base, named.model, self.may_be_held):
             raise OtherCommands(self.commands.joined(found))
 
     @property
-    def _may_be_held(self) -> set[str]:
+    def may_be_held(self) -> set[str]:
         """The inputs whose hold was not given, and is not known."""
         given = hold_of_each(self.request.settings.hold, list(self.request.diagram.inports))
         return {k for k, hold in given.items() if hold == AUTO and k not in self.commands.held}
@@ -97,7 +97,7 @@ class Prepared:
             return NO_COMMANDS
         given = self.request.diagram.inports.keys()  # of the whole: those that join two parts were measured
         likely = _held_inputs(self.part, self.request.records).keys()
-        return found_commands(model, self.raw, given & {*self.filtered}, self._may_be_held, distance, likely)
+        return found_commands(model, self.raw, given & {*self.filtered}, self.may_be_held, distance, likely)
 
     @property
     def error(self) -> float:

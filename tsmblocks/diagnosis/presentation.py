@@ -90,7 +90,7 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     shown = [key for key, (_, _, experiment) in parts.items() if experiment in ("", largest)]
     texts = [f"{parts[key][0]} {size_text(effect, key)}" for key in shown][:MAX_SIZES]
     if largest and any(parts[key][2] for key in shown[:MAX_SIZES]):
-        texts[-1] += _in_experiment(largest, only=len(local) - len(effect.absent_in) == 1)
+        texts[-1] += _in_experiment(largest, len(local) - len(effect.absent_in) == 1, effect.relative_to)
     return texts
 
 
@@ -105,8 +105,13 @@ def block_title(effect: NamedEffect) -> str:
 
 
 def absence_text(effect: NamedEffect) -> str:
-    """In words the experiments in which an effect with separate sizes is not detectable; empty where there are none."""
-    return f"not detectable in {listed(effect.absent_in, 6)}" if effect.absent_in else ""
+    """In words the experiments in which an effect with separate sizes is not detectable; empty where there are none.
+
+    Of one that is counted from an experiment, that is named as well.
+    """
+    others = [name for name in effect.absent_in if name != effect.relative_to]
+    absent = [f"not detectable in {listed(others, 6)}"] if others else []
+    return "; ".join([*([f"relative to {effect.relative_to}"] if effect.relative_to else []), *absent])
 
 
 def size_text(effect: NamedEffect, name: str) -> str:
@@ -115,7 +120,10 @@ def size_text(effect: NamedEffect, name: str) -> str:
     return f"{text}, {force}" if force else text
 
 
-def _in_experiment(experiment: str, only: bool = False) -> str:
+def _in_experiment(experiment: str, only: bool = False, reference: str = "") -> str:
+    """Where a size is the largest one, and from which experiment it is counted."""
+    if reference:
+        return f" in {experiment} relative to {reference}{'' if only else ', where it is largest'}"
     return f", in {experiment} only" if only else f" in {experiment}, where it is largest"
 
 

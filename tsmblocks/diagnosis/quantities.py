@@ -20,21 +20,48 @@ from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.segment import DetectionLimit, Quantity
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.effect import sizes_of
+from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.recordings import as_recorded
 from tsmblocks.fitting.setup import Setup
-from tsmblocks.fitting.statistics import intervals
+from tsmblocks.fitting.statistics import intervals, moved
 from tsmblocks.model.diagram import Diagram
 
 LEVEL = 0.95
 """Confidence level of intervals. Source: convention."""
 DIFFERENCE = 1e-3
 """Step of the derivatives of sizes [standard errors]. Chosen: sizes are smooth over it, and rounding is not seen."""
+MAX_OWN_SHARE = 0.01
+"""Share of what a common change of separate sizes does to the outputs that nothing else does, up to which other
+parameters absorb it. Chosen: a tenth of the change."""
+PERCENT = 100.0
 
 NUMBERED = re.compile(r"_\d+$")
 """The number of a block that has the name of an effect: the second of one effect has it."""
 OF_ACCELERATIONS = (("m", "mass", "force"), ("rad", "inertia", "torque"))
 FORCES = {parse(f"{unit}/s^2").dimension: (by, force) for unit, by, force in OF_ACCELERATIONS}
 """By what an acceleration is multiplied for a force, and what force that is."""
+
+
+@attrs.frozen(eq=False)
+class _Size:
+    """A function of the parameters in columns ``at``, with its ``gradient`` by them."""
+
+    value: float
+    unit: str
+    gradient: np.ndarray
+    at: tuple[int, ...]
+
+    @property
+    def of(self) -> set[int]:
+        """The columns that it depends on."""
+        return {self.at[k] for k in np.flatnonzero(self.gradient)}
+
+    def relative_to(self, other: _Size, of_gain: bool) -> _Size:
+        """The difference from another one; of errors of gains in per cent that of the ratio of these gains."""
+        ratio = (PERCENT + self.value) / (PERCENT + other.value) if of_gain else 1.0
+        scale = PERCENT / (PERCENT + other.value) if of_gain else 1.0
+        gradient = scale * np.append(self.gradient, -ratio * other.gradient)
+        return _Size(scale * (self.value - other.value), self.unit, gradient, self.at + other.at)
 
 
 @attrs.frozen(eq=False)
@@ -74,20 +101,51 @@ class Estimate:
     def sizes(self, candidate: Candidate) -> dict[str, Quantity]:
         """The sizes of an effect, those with a value in each experiment under ``name@experiment``.
 
-        Intervals are those of the delta method: the size is linear in the parameters within their uncertainty.
+        Intervals are those of the delta method: the size is linear in the parameters within their uncertainty. Where
+        there is a ``reference``, they are relative to its size.
         """
         items = [(k, one) for k, one in enumerate(self.model.problem.unknowns.items) if one.parameter in candidate.free]
         experiments = list(dict.fromkeys(one.experiment for _, one in items if one.experiment))
-        found: dict[str, Quantity] = {}
+        reference, own = self.reference(candidate), dict[str, _Size]()
         for experiment in experiments or [""]:
-            own = {one.parameter.removeprefix(f"{candidate.block}."): k for k, one in items if not one.experiment}
-            local = {
-                one.parameter.removeprefix(f"{candidate.block}."): k for k, one in items if one.experiment == experiment
+            columns = {
+                one.parameter.removeprefix(f"{candidate.block}."): k
+                for k, one in items
+                if one.experiment in ("", experiment)
             }
-            for name, (quantity, of) in self._sizes(candidate, {**own, **local}).items():
-                is_local = bool(experiment) and bool(of & set(local.values()))
-                found[f"{name}@{experiment}" if is_local else name] = quantity
+            local = {k for k, one in items if one.experiment == experiment}
+            for name, size in self._sizes(candidate, columns).items():
+                is_local = bool(experiment) and bool(size.of & local)
+                own[f"{name}@{experiment}" if is_local else name] = size
+        found = {}
+        for key, size in own.items():
+            name, at, _ = key.partition("@")
+            if at and reference:
+                size = size.relative_to(own[f"{name}@{reference}"], candidate.effect.of_gain)
+            found[key] = self._quantity(size)
         return dict(sorted(found.items(), key=lambda one: "@" in one[0]))
+
+    def reference(self, candidate: Candidate) -> str:
+        """The experiment from which the separate sizes of an effect are counted; empty where none is needed.
+
+        A change of all of them by as much may be absorbed by parameters of the model, such as the gain of the diagram
+        beside gains that differ between recordings. The one nearest to the median counts as zero: most recordings then
+        have no effect, where one of them has another gain.
+        """
+        local = {
+            one.experiment: k
+            for k, one in enumerate(self.model.problem.unknowns.items)
+            if one.experiment and one.parameter in candidate.free
+        }
+        if len(candidate.local) != 1 or len(local) < 2:
+            return ""
+        at, J = list(local.values()), self.model.J
+        common = J @ np.isin(np.arange(J.shape[1]), at).astype(float)
+        rest = common + J @ moved(J, common, held=np.eye(J.shape[1])[at])
+        if square(rest) > MAX_OWN_SHARE * square(common):
+            return ""
+        values = self.model.theta[at]
+        return list(local)[int(np.argmin(np.abs(values - np.median(values))))]
 
     def is_clear_of_zero(self, candidate: Candidate) -> bool:
         """Whether a size of an effect that is zero without it is determined; True where it has no such size.
@@ -130,13 +188,13 @@ class Estimate:
         columns = {k.removeprefix(f"{candidate.block}."): own[k] for k in candidate.free if k in own}
         value, unit, gradient = self._gradients(candidate, columns)[name]
         by, at = self.model.theta[gain], [*columns.values(), gain]
-        return self._quantity(value / abs(by), unit, np.append(gradient, -value / by) / abs(by), at)
+        return self._quantity(_Size(value / abs(by), unit, np.append(gradient, -value / by) / abs(by), tuple(at)))
 
-    def _sizes(self, candidate: Candidate, columns: Mapping[str, int]) -> dict[str, tuple[Quantity, set[int]]]:
-        """Sizes with the parameters in some columns, each with the columns that it depends on."""
-        at = list(columns.values())
+    def _sizes(self, candidate: Candidate, columns: Mapping[str, int]) -> dict[str, _Size]:
+        """Sizes with the parameters in some columns."""
+        at = tuple(columns.values())
         return {
-            name: (self._quantity(value, unit, gradient, at), {at[k] for k in np.flatnonzero(gradient)})
+            name: _Size(value, unit, gradient, at)
             for name, (value, unit, gradient) in self._gradients(candidate, columns).items()
         }
 
@@ -158,14 +216,14 @@ class Estimate:
             found[name] = value, unit, gradient
         return found
 
-    def _quantity(self, value: float, unit: str, gradient: np.ndarray, at: Sequence[int]) -> Quantity:
-        """A function of the parameters with its interval; ``gradient`` is that by the parameters in columns ``at``."""
-        moved = np.flatnonzero(gradient)
-        rows = np.asarray(at)[moved]
-        variance = gradient[moved] @ self.covariance[np.ix_(rows, rows)] @ gradient[moved]
+    def _quantity(self, size: _Size) -> Quantity:
+        """A size with its interval."""
+        moved_by = np.flatnonzero(size.gradient)
+        rows, gradient = np.asarray(size.at)[moved_by], size.gradient[moved_by]
+        variance = gradient @ self.covariance[np.ix_(rows, rows)] @ gradient
         freedom = self.freedom[rows].min(initial=np.inf)  # the least of those it depends on is on the safe side
-        low, high = intervals(np.array([value]), np.array([[max(variance, 0.0)]]), np.array([freedom]))
-        return Quantity(value, float(low[0]), float(high[0]), unit)
+        low, high = intervals(np.array([size.value]), np.array([[max(variance, 0.0)]]), np.array([freedom]))
+        return Quantity(size.value, float(low[0]), float(high[0]), size.unit)
 
 
 def _any_clear(sizes: Collection[Quantity]) -> bool:

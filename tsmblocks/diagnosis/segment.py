@@ -8,6 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.cautions import FAR_ABOVE, MAYBE, cautions, without
+from tsmblocks.diagnosis.commands import HeldDelay
 from tsmblocks.diagnosis.settings import FloorParts, Simulated
 from tsmblocks.fitting.result import Fit
 from tsmblocks.model.diagram import Diagram
@@ -35,7 +36,8 @@ class NamedEffect:
     first; empty for an effect that defines none. ``other_places`` are the insertion points at which the same effect is
     indistinguishable from this one, ``other_forms`` its indistinguishable variants, and ``why_named`` why it is named
     rather than those. ``as_force`` says of sizes that are accelerations what they are as forces. ``absent_in`` are the
-    experiments in which no size is clear of zero, of an effect with separate sizes in each.
+    experiments in which no size is clear of zero, of an effect with separate sizes in each; ``relative_to`` is the
+    experiment from which these are counted, where a common part of them is not determined.
     """
 
     name: str
@@ -56,6 +58,7 @@ class NamedEffect:
     why_named: str = ""
     as_force: Mapping[str, str] = attrs.field(factory=dict)
     absent_in: tuple[str, ...] = ()
+    relative_to: str = ""
 
     def is_absent(self, name: str) -> bool:
         """Whether a size or a parameter, ``size@r1``, is that of an experiment in which the effect is absent."""
@@ -194,7 +197,8 @@ class Segment:
     if it is.
     ``largest_noise`` is the largest rms noise of each output that is plausible; ``filtered`` are the inputs out of
     which noise was filtered. ``augmented`` is the diagram of the last model, ``simulated`` how it was simulated;
-    ``in_doubt`` are its parameters that compensate for what is missing, with fitted and given values.
+    ``in_doubt`` are its parameters that compensate for what is missing, with fitted and given values;
+    ``delays_if_held`` are the dead times that were named, with an input held that may be.
     """
 
     name: str
@@ -221,6 +225,7 @@ class Segment:
     augmented: Diagram | None = attrs.field(default=None, repr=False)
     simulated: Simulated | None = attrs.field(default=None, repr=False)
     in_doubt: tuple[str, ...] = ()
+    delays_if_held: tuple[HeldDelay, ...] = ()
 
     @property
     def effects_tried(self) -> tuple[str, ...]:

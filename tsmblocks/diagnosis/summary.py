@@ -72,6 +72,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         largest_noise={k: v * np.sqrt(diagnosed.largest_noise) for k, v in diagnosed.floors.sigma.items()},
         filtered=tuple(name for name, rms in diagnosed.search.input_noise.items() if rms > 0),
         in_doubt=diagnosed.in_doubt,
+        delays_if_held=diagnosed.delays_if_held,
     )
     return attrs.evolve(result, sentence=verdict_sentence(result))
 
@@ -135,6 +136,7 @@ def _named(
         why_named(same, [one for one in others if one is not same]),
         estimate.forces(candidate, sizes),
         estimate.absent_in(candidate, sizes),
+        estimate.reference(candidate),
     )
 
 

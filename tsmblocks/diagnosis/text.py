@@ -128,7 +128,7 @@ def _residual_location(segment: Segment) -> list[str]:
 def _sizes(effect: NamedEffect) -> str:
     """The sizes of an effect, or the parameters of its block where it has none."""
     rows = size_rows(effect) or [(name, with_interval(q)) for name, q in effect.parameters.items()]
-    absent = [filled(absence_text(effect), "  ")] if effect.absent_in else []
+    absent = [filled(text, "  ")] if (text := absence_text(effect)) else []
     return "\n".join([f"{block_title(effect)}:", columns(rows, "  ", left=(0, 1)), *absent])
 
 

@@ -22,6 +22,7 @@ NEARLY_ALL = 0.98
 """Share of the reduction by an effect that was named from which one that leaves more error explains nearly as much.
 Chosen: no block has quite the form of a real mechanism."""
 NOTHING_TO_REMOVE = "The error is within the noise: there is nothing above the noise floor to remove."
+MILLISECONDS = 1e3
 ALL_SHARE = 0.995
 """Share from which it is printed as 100 %."""
 
@@ -38,7 +39,8 @@ def verdict_sentence(segment: Segment) -> str:
         possible += _nearly_as_good(segment) + _other_places(segment.effects)
         doubt = _in_doubt(segment)
         return (
-            f"{first}{effects} {between}: {listed(named, len(named))}. {possible} {_reduction(segment)}{doubt}{ahead}"
+            f"{first}{effects} {between}: {listed(named, len(named))}.{_if_held(segment)} {possible} "
+            f"{_reduction(segment)}{doubt}{ahead}"
         )
     if segment.verdict == "unknown":
         return (
@@ -84,6 +86,15 @@ def _nearly_as_good(segment: Segment) -> str:
     known = {name for effect in segment.effects for name in (effect.name, *effect.also_possible)}
     names = [name for name in dict.fromkeys(found) if name not in known]
     return f" Nearly as good: {listed(names, 4)}." if names else ""
+
+
+def _if_held(segment: Segment) -> str:
+    """A sentence on each dead time that is another if an input is held between samples."""
+    return "".join(
+        f" If {one.input} is held between samples (--hold {one.input}=zero), which fits as well, {one.block} is "
+        f"{digits(MILLISECONDS * one.time)} ms."
+        for one in segment.delays_if_held
+    )
 
 
 def _best(segment: Segment) -> str:

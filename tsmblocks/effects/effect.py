@@ -94,6 +94,8 @@ class Effect:
         Whether it acts along a motion only, so that it is not looked for on a current, a force or a pressure.
     sharp : tuple of str, default ()
         Parameters that smooth a corner of its form: at their lower bound the corner is sharp, and its sizes hold.
+    of_gain : bool, default False
+        Whether its size is the error of a gain in per cent: two of them are compared by the ratio of the gains.
 
     Raises
     ------
@@ -140,6 +142,7 @@ class Effect:
     other_words: Mapping[str, str] = attrs.field(factory=dict, repr=False)
     of_motion: bool = False
     sharp: tuple[str, ...] = ()
+    of_gain: bool = False
 
     def words_on(self, unit: str) -> str:
         """Return the words for a signal on which the effect acts.

@@ -34,6 +34,7 @@ GAIN_ERROR = Effect(
     confused=("odd_nonlinearity", "creep", "parameter_change"),
     separates="slow motion over a known distance",
     sizes=(in_proportion("error of the gain", "error", "%", PERCENT),),
+    of_gain=True,
 )
 _GAIN_OF_RECORDING = "a gain that differs between recordings"
 EFFECTS = (
