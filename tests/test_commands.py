@@ -103,6 +103,40 @@ def test_an_input_that_is_held_in_one_recording_is_so_in_others_where_the_output
     assert bool(told(found, "u is held between samples (hold='zero')")) == (hold == "zero")
 
 
+def test_a_dead_time_is_given_for_a_held_input_too_where_the_outputs_agree_with_both():
+    """Half a sample of a longer delay is that of a hold: a stranger's 3 ms were 5.5 ms, with no word on it."""
+    second = """
+    format = 1
+    title = "Valve"
+    wires = ["gain -> net.plus", "net -> speed -> angle", "angle -> spring -> net.minus1", "speed -> damper -> net.minus2"]
+    [blocks]
+    gain = { type = "Gain", gain = 2.0 }
+    net = { type = "Sum", signs = "+--" }
+    speed = { type = "Integrator" }
+    angle = { type = "Integrator" }
+    spring = { type = "Gain", gain = 9.0 }
+    damper = { type = "Gain", gain = 4.0 }
+    [inputs]
+    u = { ports = "gain.u", unit = "V" }
+    [outputs]
+    y = { signal = "angle", unit = "V" }
+    """
+    valve, t = tsm.loads(second), STEP * np.arange(1500)
+    u = np.sin(1.1 * t) + 0.6 * np.sin(2.3 * t + 1.0) + 0.3 * np.sin(3.7 * t)  # slow: the hold shows as a delay alone
+    late = valve.insert("late", tsm.blocks.DeadTime(time=0.03), before="y")
+    told_of = recorded(u, hold="zero", model=late, sigma=0.002)
+    free = ["gain.gain", "spring.gain", "damper.gain"]
+    found = tsm.diagnose(valve, told_of, free=free, effects=["dead_time", "backlash"])
+    (effect,), text = found.effects, " ".join(found.sentence.split())
+    assert effect.parameters["time"].value == pytest.approx(0.03 + STEP / 2, abs=0.003)
+    assert "If u is held between samples (--hold u=zero), which fits as well, dead_time is" in text
+    (other,) = found.segments[0].delays_if_held
+    assert other.time == pytest.approx(0.03, abs=0.003)
+    held = tsm.diagnose(valve, told_of, free=free, effects=["dead_time", "backlash"], hold="zero")
+    assert "fits as well" not in held.sentence
+    assert held.effects[0].parameters["time"].value == pytest.approx(other.time, abs=2e-4)
+
+
 @pytest.mark.parametrize("delay", [0.004, 0.016, 0.05])
 def test_a_dead_time_of_another_length_is_no_hold(u, delay):
     late = tsm.loads(PLANT).insert("late", tsm.blocks.DeadTime(time=delay), before="lag.u")

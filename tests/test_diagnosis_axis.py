@@ -88,3 +88,53 @@ def test_play_and_delay_that_are_missing_are_named_with_their_sizes(samples):
     assert " leads " not in found.sentence
     starts = [v for own in found.start_states.values() for k, v in own.items() if k == "backlash.m"]
     assert np.max(np.abs(starts)) < 100  # mm: on the way that the screw went, not thrown anywhere
+
+
+def position_loop(amplitude, seed, gap, rest):
+    """Reference, at rest at first, and position [mm] of a table behind a play; the loop is closed around the motor."""
+    draw, h = np.random.default_rng(seed), 0.0005
+    t = 0.004 * np.arange(1500)
+    tones = zip((1.0, 0.6, 0.3), (0.4, 1.1, 2.7), draw.uniform(0, 6, 3), strict=True)
+    r = amplitude * sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
+    r = (r - r[0]) * np.clip((t - rest) / 0.5, 0.0, 1.0)
+    at = speed = total = table = 0.0
+    x = []
+    for wanted in r:
+        x.append(table)
+        for _ in range(8):
+            error = 30.0 * (wanted - at) - speed
+            total += h * error
+            speed += h * (10.0 * (2.0 * error + 60.0 * total) - speed) / 0.2
+            at += h * speed
+            table = min(max(table, at - gap / 2), at + gap / 2)
+    noisy_x = np.array(x) + 0.001 * draw.standard_normal(len(t))
+    return tsm.Record(f"run_{seed}", t, {"x_ref": r, "x": noisy_x}, {"x_ref": "mm", "x": "mm"})
+
+
+def test_a_gap_behind_a_position_loop_is_found_where_it_is():
+    """What the loop starts from has no effect while the gap is not closed: steps went thousands of mm/s for it."""
+    axis = tsm.loads(
+        """
+        format = 1
+        title = "position loop"
+        wires = ["e -> kv -> ev.plus", "ev -> pi -> axis -> pos -> e.minus", "axis -> ev.minus"]
+        [blocks]
+        e = { type = "Sum", signs = "+-" }
+        kv = { type = "Gain", gain = 27.0, unit = "mm/s" }
+        ev = { type = "Sum", signs = "+-" }
+        pi = { type = "PID", kp = 2.3, ki = 50.0 }
+        axis = { type = "FirstOrderLag", gain = 10.0, time_constant = 0.25 }
+        pos = { type = "Integrator" }
+        [inputs]
+        x_ref = { ports = "e.plus", unit = "mm" }
+        [outputs]
+        x = { signal = "pos", unit = "mm" }
+        """
+    )
+    runs = [position_loop(size, k, 0.06, 0.8) for k, size in enumerate((8.0, 1.0))]
+    found = tsm.diagnose(axis, runs, effects=["backlash", "hysteresis", "coulomb_friction", "dead_time"])
+    (effect,) = found.effects
+    assert (effect.name, effect.wire.strip()) == ("backlash", "pos.y -> x")
+    size = effect.sizes["gap width"]
+    assert size.value == pytest.approx(0.06, rel=0.02)
+    assert found.complete

@@ -13,6 +13,7 @@ import tsmblocks as tsm
 from tests.test_fit_methods import LAG, LINEAR, METHODS, REGRESSORS, noisy, sheath
 from tests.test_fit_problem import STEP, TWO, T, U, record, servo
 from tsmblocks.blocks import (
+    PID,
     Delay,
     Drift,
     Encoder,
@@ -660,6 +661,26 @@ def test_what_is_known_is_free_where_it_is_named_only():
     named = tsm.fit(read, data, free=["gain.*", "encoder.counts"], starts=1)
     assert "encoder.counts" in named.names
     assert [text.partition(".")[0] for text in named.notes if "usually known" in text] == ["encoder"]
+
+
+def test_a_term_of_a_controller_that_is_switched_off_stays_off():
+    """A derivative gain that was never written took up a missing dead time, with its filter."""
+    loop = tsm.Diagram(
+        blocks={"e": Sum(signs="+-"), "pi": PID(kp=2.0, ki=3.0), "lag": FirstOrderLag(time_constant=0.5)},
+        wires=["e -> pi -> lag -> e.minus"],
+        inputs={"r": "e.plus"},
+        outputs={"y": "lag"},
+    )
+    run = tsm.simulate(loop, inputs={"r": (T, U)}, stop=T[-1], step=T[1] - T[0])
+    data = record(r=U, y=noisy(run["y"], 0.001))
+    kept = ["pi.kp", "pi.ki", "lag.gain", "lag.time_constant"]
+    assert list(tsm.fit(loop, data, starts=1).names) == kept
+    assert list(tsm.fit(loop, data, free=["*"], starts=1).names) == kept
+    named = tsm.fit(loop, data, free=["pi.kd", "lag.time_constant"], starts=1)
+    assert "pi.kd" in named.names
+    assert not any("usually known" in text for text in named.notes)
+    derivative = loop.with_parameters({"pi.kd": 0.1})
+    assert {"pi.kd", "pi.tau"} <= set(tsm.fit(derivative, data, starts=1).names)
 
 
 # ---- what data cannot tell

@@ -120,6 +120,22 @@ def test_the_recordings_in_which_nothing_changes_are_named_and_not_listed():
     assert found.to_dict()["effects"][0]["absent_in"] == ["r1", "r3"]
 
 
+def test_a_gain_that_differs_is_relative_to_a_recording_where_the_diagram_has_a_gain():
+    """One recording had 1 % more, and two others were said to have 0.8 % less each."""
+    found = tsm.diagnose(BASE, recordings(lambda t, x, k: 0.045 * x * (k == 2)), effects=["gain_error", "offset"])
+    (effect,) = found.effects
+    assert effect.name == "gain_error"
+    assert effect.relative_to in ("r1", "r2")
+    size = effect.sizes["error of the gain@r3"]
+    assert size.low < 5.0 < size.high
+    assert size.high - size.low < 1.0
+    assert set(effect.absent_in) == {"r1", "r2"}
+    told = " ".join(str(found).split())
+    assert f"% in r3 relative to {effect.relative_to})" in told
+    assert f"relative to {effect.relative_to}; not detectable in" in told
+    assert "gain_error.error: a separate value in each experiment, here that of r1" in told
+
+
 def test_the_report_lists_each_parameter_once_where_the_effect_is_present(tmp_path):
     """What is fitted for each recording was listed again as not fitted."""
     found = tsm.diagnose(BASE, recordings(lambda t, x, k: 0.012 * (t > 6.37) * (k == 1)), effects=["jump"])

@@ -184,8 +184,12 @@ def test_no_coordinate_is_reported_when_none_predicts_the_residual():
 
 def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
     said = attrs.evolve(UNKNOWN, irregular=True, predictable=(0.0, 0.0))
-    sentence = "The residual is irregular: no recorded signal predicts it, and it is too large for noise."
-    assert sentence in verdict_text.verdict_sentence(said)
+    irregular = "is irregular: no function of the recorded signals that was tried predicts it"
+    assert irregular in verdict_text.verdict_sentence(said)
+    removes = tuple(attrs.evolve(one, share=0.98) for one in said.ranking)  # by an effect that could not be named
+    told = verdict_text.verdict_sentence(attrs.evolve(said, ranking=removes))
+    assert "irregular" not in told
+    assert "The residual is too large for noise." in told
     assert next_steps(said)[0].startswith("Record the same motion twice")
     assert next_steps(NAMED) == []
 
@@ -301,8 +305,9 @@ def test_what_is_left_after_all_that_was_named_is_told():
     )
     slow = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
     assert (
-        "falls from 0.520 to 0.170 deg rms. That is 1.7 times the noise floor of 0.100 deg (given), but no recorded "
-        "signal predicts it on held-out data: it is slow noise, or a model error that does not repeat with the motion."
+        "falls from 0.520 to 0.170 deg rms. That is 1.7 times the noise floor of 0.100 deg (given), but no function "
+        "of the recorded signals that was tried predicts it on held-out data: it is slow noise, or a model error of a "
+        "form that was not tried."
     ) in slow
     assert "still" not in verdict_text.verdict_sentence(NAMED)
 

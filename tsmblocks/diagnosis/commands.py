@@ -154,7 +154,7 @@ def delays_if_held(final: Model, blocks: Collection[str], may_be_held: Collectio
         if held is None:
             continue
         made = optimized(attrs.evolve(final.problem, experiments=held.experiments), held, final.theta)
-        if made.mean_square <= (1 + MAX_RISE) * final.mean_square:
+        if made.mean_square <= (1 + CLEAR**2 / len(final.r)) * final.mean_square:
             own = {block: names.index(f"{block}.{TIME}") for block in blocks if f"{block}.{TIME}" in names}
             found += [HeldDelay(block, name, float(made.theta[at])) for block, at in own.items()]
     return found

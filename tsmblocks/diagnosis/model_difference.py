@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import attrs
 
+from tsmblocks.common.tables import listed
 from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.presentation import digits, unit_of
+from tsmblocks.diagnosis.segment import NamedEffect
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
@@ -73,6 +77,17 @@ def difference(before: Diagram, after: Diagram) -> Difference:
         tuple(w for w in old if w not in new),
         parameters,
     )
+
+
+def changes(before: Diagram, after: Diagram, effects: Sequence[NamedEffect]) -> list[tuple[str, str]]:
+    """The lines of a difference, and one for each effect with separate values, of which a diagram holds the first."""
+    lines = difference(before, after).lines
+    for effect in effects:
+        names = [name.partition("@") for name in effect.parameters if "@" in name]
+        if names:
+            local = listed([f"{effect.block}.{name}" for name in dict.fromkeys(name for name, _, _ in names)], 4)
+            lines.append(("~", f"{local}: a separate value in each experiment, here that of {names[0][2]}"))
+    return lines
 
 
 def _kind(block: Block | Diagram) -> object:

@@ -11,7 +11,7 @@ from tsmblocks.common.views import no_view
 from tsmblocks.diagnosis.detectable_sizes import limits_texts
 from tsmblocks.diagnosis.lines import bullets, cut, filled, of_segment
 from tsmblocks.diagnosis.merged_notes import merged_notes
-from tsmblocks.diagnosis.model_difference import difference
+from tsmblocks.diagnosis.model_difference import changes
 from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.presentation import (
     absence_text,
@@ -136,7 +136,7 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
     """What was changed in the diagram."""
     if not diagnosis.effects:
         return []
-    lines = [f"{sign} {text}" for sign, text in difference(diagnosis.base, diagnosis.augmented).lines]
+    lines = [f"{sign} {text}" for sign, text in changes(diagnosis.base, diagnosis.augmented, diagnosis.effects)]
     return ["\n".join(["changes from the fitted base model:", *lines])]
 
 

@@ -21,6 +21,10 @@ REMAINING_ERROR_RATIO = 1.1
 NEARLY_ALL = 0.98
 """Share of the reduction by an effect that was named from which one that leaves more error explains nearly as much.
 Chosen: no block has quite the form of a real mechanism."""
+UNPREDICTED = "no function of the recorded signals that was tried predicts it"
+LARGE_SHARE = 0.5
+"""Share of the variance above the noise floor that an effect removes which was not named, from which a residual is not
+called irregular. Chosen: the larger part of it."""
 NOTHING_TO_REMOVE = "The error is within the noise: there is nothing above the noise floor to remove."
 MILLISECONDS = 1e3
 ALL_SHARE = 0.995
@@ -151,7 +155,10 @@ def _shape(segment: Segment) -> str:
     if segment.varies_with:
         return f"The residual has a part in proportion to {segment.varies_with}."
     if segment.irregular:
-        return "The residual is irregular: no recorded signal predicts it, and it is too large for noise."
+        fitted = (r.share for r in segment.ranking if r.fitted and r.round == 1)
+        if max(fitted, default=0.0) > LARGE_SHARE:  # one that could not be named does predict it
+            return "The residual is too large for noise."
+        return f"The residual is irregular: {UNPREDICTED}, and it is too large for noise."
     share = percent(segment.predictable[1])
     return f"Of the residual's mean square, {share} is predicted from the recorded signals on held-out data."
 
@@ -162,9 +169,9 @@ def slow_noise(segment: Segment) -> str:
     if gap.given or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
         return ""
     return (
-        f" That is {to_digits(gap.held_out[0] / gap.noise_floor)} times the noise floor ({floor_text(gap)}), but no "
-        "recorded signal predicts it on held-out data: slow noise of that size and a model error that does not repeat "
-        "with the motion are indistinguishable."
+        f" That is {to_digits(gap.held_out[0] / gap.noise_floor)} times the noise floor ({floor_text(gap)}), but "
+        f"{UNPREDICTED} on held-out data: slow noise of that size and a model error of a form that was not tried are "
+        "indistinguishable."
     )
 
 
@@ -247,8 +254,8 @@ def _noise_that_remains(gap: Gap) -> str:
     floor = f"{digits(k * gap.noise_floor)} {unit}".rstrip()
     ratio = gap.held_out[-1] / gap.noise_floor
     return (
-        f"That is {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}), but no recorded signal predicts it "
-        "on held-out data: it is slow noise, or a model error that does not repeat with the motion."
+        f"That is {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}), but {UNPREDICTED} on "
+        "held-out data: it is slow noise, or a model error of a form that was not tried."
     )
 
 

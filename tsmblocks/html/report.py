@@ -13,7 +13,7 @@ from tsmblocks.diagnosis.candidate_tables import share_across_experiments
 from tsmblocks.diagnosis.details import initial_states_text, parameter_rows
 from tsmblocks.diagnosis.detectable_sizes import limit_text
 from tsmblocks.diagnosis.merged_notes import merged_notes
-from tsmblocks.diagnosis.model_difference import difference
+from tsmblocks.diagnosis.model_difference import changes
 from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.presentation import (
     DARKEST,
@@ -89,7 +89,7 @@ def page(diagnosis: Diagnosis, back: tuple[str, str] | None = None) -> str:
         blocks=[(e.block, e.words, e.wire.strip(), _sizes(e), _numbers(diagnosis, e)) for e in effects],
         drawn=to_svg(diagnosis.base),
         drawn_after=_marked(diagnosis) if effects else "",
-        changes=difference(diagnosis.base, diagnosis.augmented).lines if effects else (),
+        changes=changes(diagnosis.base, diagnosis.augmented, diagnosis.effects) if effects else (),
         own_numbers=[_own_numbers(s) for s in segments if parameter_rows(s) or s.cautions],
         starts=initial_states_text(diagnosis),
         script=script_lines(diagnosis),
