@@ -329,17 +329,17 @@ def test_a_terminal_is_told_how_far_the_search_is_and_how_long_the_rest_takes():
     told = diagnose._Progress(clock=lambda: now[0])
     assert told("conditioned", 0, 1) == "preparing the recordings"
     assert told("calibrated", 0, 1) == "fitting the model as it is"
-    assert told("tried", 0, 64) == "round 1: screening candidate 1 of 64"
-    assert told("fitted", 0, 5) == "round 1: fitting candidate 1 of 5"
+    assert told("tried", 0, 64) == "search 1: screening candidate 1 of 64"
+    assert told("fitted", 0, 5) == "search 1: fitting candidate 1 of 5"
     now[0] = 6.0
-    assert told("fitted", 2, 5) == "round 1: fitting candidate 3 of 5, about 9 s left"
+    assert told("fitted", 2, 5) == "search 1: fitting candidate 3 of 5, about 9 s left"
     now[0] = 600.0
-    assert told("fitted", 3, 5) == "round 1: fitting candidate 4 of 5, about 6 min 40 s left"
-    assert told("tried", 0, 64) == "round 2: screening candidate 1 of 64"
-    assert told("fitted", 0, 5) == "round 2: fitting candidate 1 of 5"
+    assert told("fitted", 3, 5) == "search 1: fitting candidate 4 of 5, about 6 min 40 s left"
+    assert told("tried", 0, 64) == "search 2: screening candidate 1 of 64"
+    assert told("fitted", 0, 5) == "search 2: fitting candidate 1 of 5"
     limited = diagnose._Progress(300.0, clock=lambda: now[0])
     now[0] += 250.0
-    assert limited("tried", 0, 9) == "round 1: screening candidate 1 of 9; ends in 50 s at most"
+    assert limited("tried", 0, 9) == "search 1: screening candidate 1 of 9; ends in 50 s at most"
 
 
 def test_a_time_limit_ends_the_search_with_what_was_found(run, monkeypatch, tmp_path):

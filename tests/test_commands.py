@@ -108,7 +108,8 @@ def test_a_dead_time_is_given_for_a_held_input_too_where_the_outputs_agree_with_
     second = """
     format = 1
     title = "Valve"
-    wires = ["gain -> net.plus", "net -> speed -> angle", "angle -> spring -> net.minus1", "speed -> damper -> net.minus2"]
+    wires = ["gain -> net.plus", "net -> speed -> angle", "angle -> spring -> net.minus1",
+             "speed -> damper -> net.minus2"]
     [blocks]
     gain = { type = "Gain", gain = 2.0 }
     net = { type = "Sum", signs = "+--" }

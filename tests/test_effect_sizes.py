@@ -243,3 +243,30 @@ def test_an_effect_is_clear_of_zero_by_one_of_its_sizes():
 def test_an_effect_with_an_endless_null_has_no_size_to_be_clear_of():
     names = [("added.low", ""), ("added.high", "")]
     assert estimate(names, [-0.9, 0.9], np.eye(2)).is_clear_of_zero(candidate(effect("saturation", "output")))
+
+
+def test_a_limit_that_is_not_reached_is_not_reported():
+    """It was the edge of the range, with an interval: 15.002 ± 0.010 % where the least command was 15 %."""
+    base = tsm.loads(
+        """
+        format = 1
+        title = "valve"
+        wires = ["lag -> gain"]
+        [blocks]
+        lag = { type = "FirstOrderLag", time_constant = 0.4 }
+        gain = { type = "Gain", gain = 1.0 }
+        [inputs]
+        u = { ports = "lag.u", unit = "V" }
+        [outputs]
+        y = { signal = "gain", unit = "V" }
+        """
+    )
+    t = 0.05 * np.arange(1600)
+    u = 3.0 + np.sin(0.9 * t) + 0.7 * np.sin(2.3 * t)
+    run = tsm.simulate(base, inputs={"u": (t, np.minimum(u, 3.9))}, stop=t[-1], step=0.05)
+    y = run["y"] + 0.002 * np.random.default_rng(5).standard_normal(len(t))
+    record = tsm.Record("a", t, {"u": u, "y": y}, {"u": "V", "y": "V"})
+    (one,) = tsm.diagnose(base, record, effects=["saturation", "odd_nonlinearity"]).effects
+    assert (one.name, list(one.sizes)) == ("saturation", ["upper limit"])
+    assert one.sizes["upper limit"].value == pytest.approx(3.9, abs=0.01)
+    assert set(one.parameters) == {"low", "high"}

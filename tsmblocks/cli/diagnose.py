@@ -137,7 +137,7 @@ class _Progress:
         self._round += stage == SCREENING and done == 0
         text = STAGES.get(stage, stage)
         if of > 1:
-            text = f"round {self._round}: {text} {min(done + 1, of)} of {of}"
+            text = f"search {self._round}: {text} {min(done + 1, of)} of {of}"
             text += self._left(done / of, f"{stage} {self._round}")
         if self._end is None:
             return text

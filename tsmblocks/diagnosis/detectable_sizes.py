@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from tsmblocks.common.tables import columns, listed
+from tsmblocks.diagnosis.decision import MAX_FINITE_NULL
 from tsmblocks.diagnosis.limits import CAUSES
 from tsmblocks.diagnosis.lines import bullets, filled, of_segment
 from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.quantities import acceleration_note
 from tsmblocks.diagnosis.segment import DetectionLimit, Segment
+from tsmblocks.effects import catalogue
 
 
 def limit_text(one: DetectionLimit) -> str:
@@ -17,7 +19,14 @@ def limit_text(one: DetectionLimit) -> str:
         by = absorbed_text(one)
         return f"absorbed by {by}" if by else CAUSES.get(one.cause, "")
     name, size, unit = limit_quantity(one)
-    return f"{name} {in_display_units(size, unit)}"
+    return f"{name} {_side(one)}{in_display_units(size, unit)}"
+
+
+def _side(one: DetectionLimit) -> str:
+    """On which side of its limit a size is detectable, where it is endless without the effect, as that of a rate is."""
+    parameter = one.parameter.rpartition(".")[2]
+    null = next((e.null[parameter] for e in catalogue() if e.name == one.name and parameter in e.null), 0.0)
+    return "" if abs(null) < MAX_FINITE_NULL else "below " if null > 0 else "above "
 
 
 def absorbed_text(one: DetectionLimit) -> str:

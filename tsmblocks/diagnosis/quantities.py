@@ -34,6 +34,8 @@ MAX_OWN_SHARE = 0.01
 """Share of what a common change of separate sizes does to the outputs that nothing else does, up to which other
 parameters absorb it. Chosen: a tenth of the change."""
 PERCENT = 100.0
+MIN_CUT = 0.002
+"""Part of the range of a signal that a limit cuts off, from which it is reported. Chosen: less is next to nothing."""
 
 NUMBERED = re.compile(r"_\d+$")
 """The number of a block that has the name of an effect: the second of one effect has it."""
@@ -120,10 +122,26 @@ class Estimate:
         found = {}
         for key, size in own.items():
             name, at, _ = key.partition("@")
+            if not self._is_reached(candidate, size):
+                continue
             if at and reference:
                 size = size.relative_to(own[f"{name}@{reference}"], candidate.effect.of_gain)
             found[key] = self._quantity(size)
         return dict(sorted(found.items(), key=lambda one: "@" in one[0]))
+
+    def _is_reached(self, candidate: Candidate, size: _Size) -> bool:
+        """Whether the signal reaches a size that is a limit; a fit leaves others at the edge of its range."""
+        of, block, scales = size.of, candidate.effect.block, candidate.scales
+        if len(of) != 1 or scales is None or isinstance(block, Diagram):
+            return True
+        (column,) = of
+        name = self.model.problem.unknowns.items[column].parameter.removeprefix(f"{candidate.block}.")
+        field = block.fields().get(name)
+        if field is None or not (field.opposite and field.acts_at):
+            return True
+        limit, wire = self.model.theta[column], scales.wire
+        margin = MIN_CUT * (wire.high - wire.low)
+        return bool(wire.low + margin < limit < wire.high - margin)
 
     def reference(self, candidate: Candidate) -> str:
         """The experiment from which the separate sizes of an effect are counted; empty where none is needed.

@@ -81,10 +81,11 @@ def column_titles(segment: Segment) -> list[str]:
 def errors_table(segment: Segment, gap: Gap, most: int | None = None) -> str:
     """The errors of one output by experiment, of the ``most`` largest: held out, and in the last columns as fitted."""
     k, unit = display_unit(gap.unit)
-    last = ["fitted"] if len(gap.train) == 1 else ["fit before", "fit after"]
-    first = f"held-out rms of {gap.output} [{unit or 'its unit'}]"
+    last = ["in-sample"] if len(gap.train) == 1 else ["in-sample before", "in-sample after"]
+    first = f"rms of {gap.output} [{unit or 'its unit'}]"
     floor = f"noise floor ({gap.given or gap.method})"
-    made = column_titles(segment)
+    before, *added = column_titles(segment)
+    made = [f"held-out {before}" if added else "held-out", *added]
     room = table_width() - max(len(first), len(floor)) - sum(len(title) + 2 for title in (made[0], *last))
     width = max(MIN_HEADING_LENGTH, room // max(len(made) - 1, 1) - 2)
     titles = _headings([*made, *last], width)

@@ -130,6 +130,8 @@ class Replacement(Effect):
         Not used.
     sharp : tuple of str, default ()
         As for ``Effect``.
+    of_gain : bool, default False
+        As for ``Effect``.
     relative : Relative
         The relative.
     replaces : str
