@@ -288,11 +288,27 @@ def test_cautions_on_many_initial_states_are_one(lag_fit):
     many = attrs.evolve(lone, undetermined=(*few, mixed), active=("the lower bound of lag.value@rec1#2 (0)",))
     assert cautions(many, {}) == [
         "lag.time_constant and some initial states are determined only together.",
-        "lag.value at the start of 4 of the 6 pieces (rec1#5 is piece 5 of rec1) is poorly determined.",
+        "The initial values of lag.value in 4 of the 6 pieces (rec1#5 is piece 5 of rec1) are poorly determined.",
     ]
     pairs = tuple(undetermined(f"lag.value@rec1#{k}", f"lag.value@rec1#{k + 1}") for k in (1, 3, 5))
     (said,) = cautions(attrs.evolve(many, undetermined=pairs), {})
-    assert said.startswith("lag.value at the start of each of the 6 pieces (rec1#6 is")
+    assert said.startswith("The initial values of lag.value in each of the 6 pieces (rec1#6 is")
+
+
+def test_correlations_are_those_of_the_effects(lag_fit):
+    """Each throttle had four lines on its own parameters, which do not bear on the verdict."""
+    lone = attrs.evolve(lag_fit, undetermined=())
+    shared = [k for k, name in enumerate(lone.names) if "@" not in name]
+    covariance = np.diag(np.diag(lone.covariance))
+    first, second = shared[:2]
+    covariance[first, second] = covariance[second, first] = 0.99 * np.sqrt(
+        covariance[first, first] * covariance[second, second]
+    )
+    close = attrs.evolve(lone, covariance=covariance)
+    words = "lag.gain and lag.time_constant are hard to distinguish (correlation +0.990)."
+    assert words in estimate_cautions(close)
+    assert words not in cautions(close, {})
+    assert words in cautions(close, {"lag": None})
 
 
 def test_cautions_on_initial_states_of_whole_recordings_name_these(lag_fit):
@@ -304,7 +320,7 @@ def test_cautions_on_initial_states_of_whole_recordings_name_these(lag_fit):
     vague = tuple(undetermined("lag.value@run1", f"lag.value@run{k}") for k in (2, 3, 4))
     fit = attrs.evolve(lag_fit, estimates=estimates, records=records, undetermined=vague)
     assert cautions(fit, {}) == [
-        "lag.value at the start of 4 of the 6 experiments (run1, run2 and 2 more) is poorly determined."
+        "The initial values of lag.value in 4 of the 6 experiments (run1, run2 and 2 more) are poorly determined."
     ]
 
 

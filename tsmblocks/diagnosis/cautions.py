@@ -70,13 +70,21 @@ def cautions(fit: Fit, across: Mapping[str, float | None], complete: bool = True
     """Cautions on effects and estimates, a sentence each; many on initial states as one sentence.
 
     ``across`` is that of ``do_not_carry_over``, for each block that was added; ``complete`` is False where the model
-    leaves more than noise.
+    leaves more than noise. Of correlations those with a parameter of an effect count: others do not bear on it.
     """
+    fit = _with_correlations_of(fit, across)
     every, others = estimate_cautions(fit), estimate_cautions(without(fit, _states(fit)))
     few = len(every) - len(others) <= MAX_STATE_CAUTIONS
     estimates = every if few else [*others, *_on_states(fit)]
     first = [*taken_over(fit, across), *do_not_carry_over(across), *([] if complete else [INCOMPLETE])]
     return [*first, *estimates, *beyond_range(fit)]
+
+
+def _with_correlations_of(fit: Fit, blocks: Collection[str]) -> Fit:
+    """The fit without the correlations between parameters that are none of these blocks'."""
+    own = np.array([name.partition(".")[0] in blocks for name in fit.names], dtype=bool)
+    kept = own[:, None] | own[None, :] | np.eye(len(own), dtype=bool)
+    return attrs.evolve(fit, covariance=np.where(kept, fit.covariance, 0.0))
 
 
 def _states(fit: Fit) -> set[str]:
@@ -109,17 +117,16 @@ def _on_states(fit: Fit) -> list[str]:
     if tied:
         said.append(f"{', '.join(tied)} and some initial states are determined only together.")
     parameters = sorted({name.partition("@")[0] for name in vague})
-    verb = "is" if len(parameters) == 1 else "are"
-    return [*said, f"{listed(parameters)} at the start {_where(fit, vague)} {verb} poorly determined."]
+    return [*said, f"The initial values of {listed(parameters)} {_where(fit, vague)} are poorly determined."]
 
 
 def _where(fit: Fit, vague: set[str]) -> str:
-    """``of 33 of the 40 pieces (rec2#10 is piece 10 of rec2)``, or of experiments."""
+    """``in 33 of the 40 pieces (rec2#10 is piece 10 of rec2)``, or in experiments."""
     own = sorted({name.partition("@")[2] for name in vague}, key=list(fit.records).index)
     whole = {name.partition("@")[2] for name in _states(fit)}
     last = own[-1]
     if PIECE_SEPARATOR not in last:
-        return f"of {len(own)} of the {len(whole)} experiments ({listed(own, 2)})"
+        return f"in {len(own)} of the {len(whole)} experiments ({listed(own, 2)})"
     number = last.rpartition(PIECE_SEPARATOR)[2]
     count = f"each of the {len(whole)}" if len(own) == len(whole) else f"{len(own)} of the {len(whole)}"
-    return f"of {count} pieces ({last} is piece {number} of {experiment_of(last)})"
+    return f"in {count} pieces ({last} is piece {number} of {experiment_of(last)})"
