@@ -61,6 +61,13 @@ def test_a_command_that_is_held_is_no_missing_dead_time(u):
     assert found.augmented.parameters["lag.time_constant"] == pytest.approx(0.06, rel=0.02)
 
 
+@pytest.mark.parametrize("sigma", [0.02, 0.04])
+def test_a_hold_is_found_without_an_effect_that_delays(u, sigma):
+    """What it takes off may be small; that its share is 1 is seldom chance. The verdict was "unknown"."""
+    found = tsm.diagnose(tsm.loads(PLANT), recorded(u, hold="zero", sigma=sigma), effects=["jump", "drift"])
+    assert (found.verdict, found.simulated.hold) == ("none", "zero")
+
+
 def test_with_a_hold_that_is_given_nothing_is_tried(u):
     found = diagnosed(recorded(u, hold="zero"), hold="cubic")
     assert [e.name for e in found.effects] == ["dead_time"]

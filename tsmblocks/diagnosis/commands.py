@@ -86,22 +86,24 @@ def found_commands(
     may_be_held: Collection[str],
     distance: float = MAX_DISTANCE,
     likely: Collection[str] = (),
+    clear: float = CLEAR,
 ) -> Commands:
     """The inputs of a model that its outputs show to be commands, of the alternatives the one with the least residual.
 
     ``raw`` are the recordings (or their pieces) before filtering, ``filtered`` the inputs whose noise was filtered out,
-    and ``may_be_held`` those whose hold was not given. The share of an alternative is within ``distance`` of 1;
-    for inputs that are ``likely`` to be held, since they are in some recordings, less evidence is enough.
+    and ``may_be_held`` those whose hold was not given. The share of an alternative is within ``distance`` of 1, and
+    ``clear`` of 0 by so many standard deviations; for inputs that are ``likely`` to be held, since they are in some
+    recordings, less evidence is enough.
     """
     found = Commands()
     for name in model.diagram.inputs:
         right = list[tuple[float, Commands]]()
         if name in may_be_held:
             model = _resolving_holds(model, name)
-        near, clear = (max(distance, ROUGH_DISTANCE), LIKELY_CLEAR) if name in likely else (distance, CLEAR)
+        near, least = (max(distance, ROUGH_DISTANCE), LIKELY_CLEAR) if name in likely else (distance, clear)
         for commands in _alternatives(name, filtered, may_be_held):
             one = _beside(model, _residuals(model, raw, name, commands))
-            right += [(one.rest, commands)] if one is not None and one.is_near(near, clear) else []
+            right += [(one.rest, commands)] if one is not None and one.is_near(near, least) else []
         if right:
             found = found.joined(min(right, key=lambda pair: pair[0])[1])
     return found

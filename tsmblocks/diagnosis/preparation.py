@@ -38,7 +38,7 @@ from tsmblocks.diagnosis.partition import (
     within_windows,
 )
 from tsmblocks.diagnosis.signs import with_signs
-from tsmblocks.fitting.held_inputs import MAX_DISTANCE
+from tsmblocks.fitting.held_inputs import CLEAR, MAX_DISTANCE
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.simulation.compiled import equations
 
@@ -47,6 +47,9 @@ DELAY = "delay"
 MAX_ERROR_SHARE = 0.7
 """Residual with held inputs over that without [rms], at most. Chosen: half of the mean square; a gap that is missing
 delays as well, and a hold takes less than that off."""
+SHARP_DISTANCE, SHARP_CLEAR = 0.1, 10.0
+"""Distance of the share of a hold from 1, and that share in its standard deviations, at which it is a hold and nothing
+else that delays: of a gap the share may be anything. Chosen."""
 MAX_ERROR_GROWTH = 1.3
 """Residual of a base with commands that a model with effects showed over that without [rms], at most. Chosen: where the
 effect that is missing is large they change little, and where it is small the right ones leave no more."""
@@ -91,13 +94,13 @@ class Prepared:
         given = hold_of_each(self.request.settings.hold, list(self.request.diagram.inports))
         return {k for k, hold in given.items() if hold == AUTO and k not in self.commands.held}
 
-    def commands_of(self, model: Model, distance: float = MAX_DISTANCE) -> Commands:
+    def commands_of(self, model: Model, distance: float = MAX_DISTANCE, clear: float = CLEAR) -> Commands:
         """The inputs that the outputs show to be commands, beyond those that are known."""
         if self.settled:
             return NO_COMMANDS
         given = self.request.diagram.inports.keys()  # of the whole: those that join two parts were measured
-        likely = _held_inputs(self.part, self.request.records).keys()
-        return found_commands(model, self.raw, given & {*self.filtered}, self.may_be_held, distance, likely)
+        likely = () if clear > CLEAR else _held_inputs(self.part, self.request.records).keys()
+        return found_commands(model, self.raw, given & {*self.filtered}, self.may_be_held, distance, likely, clear)
 
     @property
     def error(self) -> float:
@@ -111,7 +114,8 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
     found = _with_commands(part, request, progress, commands)
     if more := found.commands_of(found.base, ROUGH_DISTANCE):
         other = prepared(part, request, progress, commands.joined(more))
-        most = MAX_ERROR_SHARE if more.held else 1.0
+        sharp = found.commands_of(found.base, SHARP_DISTANCE, SHARP_CLEAR).held == more.held
+        most = MAX_ERROR_SHARE if more.held and not sharp else 1.0
         if other.error < most * found.error and confirmed(other.base, found.base.setup):
             return other
     return found
