@@ -124,8 +124,8 @@ class Estimate:
             name, at, _ = key.partition("@")
             if not self._is_reached(candidate, size):
                 continue
-            if at and reference:
-                size = size.relative_to(own[f"{name}@{reference}"], candidate.effect.of_gain)
+            if at and reference and (base := own.get(f"{name}@{reference}")) is not None:
+                size = size.relative_to(base, candidate.effect.of_gain)
             found[key] = self._quantity(size)
         return dict(sorted(found.items(), key=lambda one: "@" in one[0]))
 
