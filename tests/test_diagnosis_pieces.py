@@ -61,6 +61,40 @@ def test_where_errors_grow_a_large_friction_is_seen_in_pieces():
     assert any("restarts every" in note for note in found.notes)
 
 
+def test_an_error_that_does_not_grow_is_seen_in_whole_recordings_with_what_is_slow():
+    """A cell whose resistance differs between its directions: pieces of 22 s took up a jump in one recording."""
+    cell = tsm.loads(
+        """
+        format = 1
+        title = "cell"
+        wires = ["r0 -> v.minus1", "charge -> v.minus2", "ocv -> v.plus"]
+        [blocks]
+        r0 = { type = "Gain", gain = 0.035, unit = "V" }
+        charge = { type = "Integrator", gain = 6e-5, unit = "V" }
+        ocv = { type = "Constant", value = 3.72, unit = "V" }
+        v = { type = "Sum", signs = "+--" }
+        [inputs]
+        i = { ports = ["r0.u", "charge.u"], unit = "A" }
+        [outputs]
+        v = { signal = "v", unit = "V" }
+        """
+    )
+    runs, t = [], 0.2 * np.arange(1500)
+    for seed in (1, 2, 3):
+        draw = np.random.default_rng(seed)
+        f, phase = draw.uniform(0.01, 0.3, 5), draw.uniform(0, 2 * np.pi, 5)
+        i = 0.8 * np.sum(np.cos(2 * np.pi * f * t[:, None] + phase), axis=1)
+        charge = np.cumsum(np.r_[0.0, (i[1:] + i[:-1]) / 2 * 0.2])
+        v = 3.7 - (0.033 + 0.004 * np.sign(i)) * i - 6.7e-5 * charge
+        v += (seed == 3) * 0.0012 * (t > 150.0) + draw.normal(0.0, 3e-4, len(t))
+        runs.append(tsm.Record(f"r{seed}", t, {"i": i, "v": v}, {"i": "A", "v": "V"}))
+    effects = ["even_nonlinearity", "odd_nonlinearity", "jump", "drift"]
+    found = tsm.diagnose(cell, runs, free=["r0.gain", "charge.gain", "ocv.value"], effects=effects)
+    assert not any("restarts" in note for note in found.notes)
+    assert {"even_nonlinearity", "jump"} <= {one.name for one in found.effects}
+    assert found.augmented.parameters["charge.gain"] == pytest.approx(6.7e-5, rel=0.05)
+
+
 def test_pieces_are_tried_from_the_longest_that_cuts_a_recording():
     t = np.arange(0.0, 40.0, 0.01)
     one = tsm.Record("one", t, {"x": t}, {"x": "rad"})

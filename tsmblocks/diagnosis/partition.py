@@ -25,6 +25,12 @@ PIECE_RATIO = 4.0
 MAX_GROWN_ERROR = 10.0
 """Mean square [noise variances] of a base up to which errors have not grown too much. Chosen: in shorter pieces, free
 initial states absorb an error of about the noise; one of several times the noise is seen in shorter ones as well."""
+MIN_GROWTH = 4.0
+"""Mean square of a base in whole recordings over that in pieces from which errors have grown. Chosen: an error twice as
+large."""
+MAX_WHOLE_ERROR = 100.0
+"""Mean square [noise variances] of a base in whole recordings up to which these are kept where errors have not grown.
+Chosen: an error of ten times the noise; from larger ones fits are slow in whole recordings."""
 LEAD_SHARE = 0.1
 """Share of a piece that is simulated before the comparison starts. Chosen: initial contents of delays are unknown and
 have to leave them first."""

@@ -28,6 +28,8 @@ from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, ca
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors
 from tsmblocks.diagnosis.partition import (
     MAX_GROWN_ERROR,
+    MAX_WHOLE_ERROR,
+    MIN_GROWTH,
     ROUGH_ERROR,
     SHORTEST_PIECE,
     Part,
@@ -203,22 +205,31 @@ def _piece_length(
 
     Where the plant integrates, errors grow with time: the longest pieces are taken in which those of the base do not
     exceed ``MAX_GROWN_ERROR``, since each restart has initial states that absorb small and slow errors. Pieces below
-    ``SHORTEST_PIECE`` are for bases that are rough in those.
+    ``SHORTEST_PIECE`` are for bases that are rough in those. Small errors that are about as large in pieces have not
+    grown.
     """
     if not has_lasting_memory(part.diagram, records, settings):
         return None
-    whole, delay, error = within_windows(records, settings.window), total_delay(part.diagram), math.inf
-    lengths = [None, *piece_lengths(whole)]
-    for length in lengths[:-1]:
-        shortest = length is not None and length <= SHORTEST_PIECE
-        if shortest and error <= ROUGH_ERROR:
-            return length
+    whole, delay = within_windows(records, settings.window), total_delay(part.diagram)
+
+    def error_in(length: float | None) -> float:
         some, windows = (records, settings.window) if length is None else split_into_pieces(whole, delay, length)
         tried = attrs.evolve(settings, window=windows)
-        error = calibrate(part.diagram, some, tried, lambda *_: progress("calibrated", 0, 1)).mean_square
+        return calibrate(part.diagram, some, tried, lambda *_: progress("calibrated", 0, 1)).mean_square
+
+    in_whole = error = error_in(None)
+    if in_whole <= MAX_GROWN_ERROR:
+        return None
+    *lengths, found = piece_lengths(whole)
+    for length in lengths:
+        shortest = length <= SHORTEST_PIECE
+        if not (shortest and error <= ROUGH_ERROR):
+            error = error_in(length)
         if error <= (ROUGH_ERROR if shortest else MAX_GROWN_ERROR):
-            return length
-    return lengths[-1]
+            found = length
+            break
+    grown = in_whole > MAX_WHOLE_ERROR or in_whole > MIN_GROWTH * error_in(found)
+    return found if grown else None
 
 
 def _in_pieces(
