@@ -327,7 +327,7 @@ def test_check_counts_or_lists_the_faults(tsm, here):
     assert (status, err) == (0, "")
     first, second = out.splitlines()
     assert first.startswith(
-        "fig16_feedforward_feedback: ok; 10 blocks, 8 states, 29 parameters (21 of them free in a fit)"
+        "fig16_feedforward_feedback: ok; 10 blocks, 8 states, 29 parameters (19 of them free in a fit)"
     )
     assert "inputs: none; outputs: x_ref [rad], x_out [rad], x_in [rad], u [V]" in first
     assert "inputs: x_in [rad]; outputs: x_out" in second
