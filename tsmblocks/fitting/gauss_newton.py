@@ -59,7 +59,7 @@ class _Search:
     """The current point of a search, with cost and derivatives.
 
     ``penalty`` weights constraint violations in the merit function. ``steps`` are those of finite differences, None for
-    exact derivatives.
+    exact derivatives. A ``careful`` search leaves unknowns of little effect where they are after steps that go too far.
     """
 
     problem: Problem
@@ -71,6 +71,7 @@ class _Search:
     tolerance: float
     damping: float = FIRST_DAMPING
     penalty: float = 0.0
+    careful: bool = False
     evaluations: int = 2  # values with derivatives count as two runs
 
     def run(self, history: list[float], iterations: int, progress: ProgressCallback) -> str:
@@ -106,7 +107,7 @@ class _Search:
                 share = min(gained / step.predicted, 2.0)
                 self.damping = max(self.damping * max(1 / 5, 1 - (2 * share - 1) ** 3), LEAST_DAMPING)
                 return ""
-            if not cost <= FAR_WORSE * self.cost:
+            if self.careful and not cost <= FAR_WORSE * self.cost:
                 kept = kept | self.of_little_effect(step)
             self.damping, grow = max(self.damping, 1e-9) * grow, 2 * grow
         return "stalled"
@@ -208,6 +209,9 @@ def gauss_newton(
             if rough.cost >= search.cost * (1 - LEAST_GAIN):  # differences find no descent either
                 break
             search, status = rough, ended
+        if status == "stalled" and search.cost >= history[0] * (1 - LEAST_GAIN):  # it could not move at all
+            search = attrs.evolve(search, careful=True, damping=FIRST_DAMPING)
+            status = search.run(history, iterations, progress)
     except KeyboardInterrupt:
         status = "interrupted"
     evaluations = search.evaluations
