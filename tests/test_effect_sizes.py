@@ -10,6 +10,7 @@ import pytest
 
 import tsmblocks as tsm
 from tests.diagnoses import BACKLASH, NAMED
+from tests.test_commands import PLANT
 from tsmblocks.blocks import Play, Resonance, Ripple, Stretch
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.diagnosis.candidates import Candidate
@@ -247,20 +248,7 @@ def test_an_effect_with_an_endless_null_has_no_size_to_be_clear_of():
 
 def test_a_limit_that_is_not_reached_is_not_reported():
     """It was the edge of the range, with an interval: 15.002 ± 0.010 % where the least command was 15 %."""
-    base = tsm.loads(
-        """
-        format = 1
-        title = "valve"
-        wires = ["lag -> gain"]
-        [blocks]
-        lag = { type = "FirstOrderLag", time_constant = 0.4 }
-        gain = { type = "Gain", gain = 1.0 }
-        [inputs]
-        u = { ports = "lag.u", unit = "V" }
-        [outputs]
-        y = { signal = "gain", unit = "V" }
-        """
-    )
+    base = tsm.loads(PLANT).with_parameters({"lag.time_constant": 0.4, "gain.gain": 1.0})
     t = 0.05 * np.arange(1600)
     u = 3.0 + np.sin(0.9 * t) + 0.7 * np.sin(2.3 * t)
     run = tsm.simulate(base, inputs={"u": (t, np.minimum(u, 3.9))}, stop=t[-1], step=0.05)

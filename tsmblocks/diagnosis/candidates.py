@@ -73,6 +73,10 @@ class Candidate:
         """The name of the block that is replaced; empty for an effect that adds a block."""
         return self.block if isinstance(self.effect, Replacement) else ""
 
+    def name_in_block(self, parameter: str) -> str:
+        """The name that a parameter has in the block of the effect: ``time`` of ``dead_time.time``."""
+        return parameter.removeprefix(f"{self.block}.")
+
     def owns(self, parameter: str) -> bool:
         """Whether a parameter is one of the block that replaces another."""
         return bool(self.replaced) and parameter.startswith(f"{self.replaced}.")

@@ -128,11 +128,9 @@ def commands_instead(base: Model, named: Model, may_be_held: Collection[str]) ->
     ``named`` is the model with that effect, ``base`` the one without.
     """
     for name in may_be_held:
-        held = setup_held(base.setup, name) if name in base.diagram.inputs else None
-        if held is not None:
-            problem = attrs.evolve(base.problem, experiments=held.experiments)
-            if optimized(problem, held, base.theta).mean_square <= (1 + MAX_RISE) * named.mean_square:
-                return Commands(held=(name,))
+        held = _fitted_held(base, name)
+        if held is not None and held.mean_square <= (1 + MAX_RISE) * named.mean_square:
+            return Commands(held=(name,))
     return NO_COMMANDS
 
 
@@ -150,16 +148,21 @@ def delays_if_held(final: Model, blocks: Collection[str], may_be_held: Collectio
 
     A hold is half a sample of dead time, and beside another dead time recordings seldom tell them apart.
     """
-    names, found = [item.name for item in final.problem.unknowns.items], list[HeldDelay]()
+    found = list[HeldDelay]()
     for name in may_be_held if blocks else ():
-        held = setup_held(final.setup, name) if name in final.diagram.inputs else None
-        if held is None:
-            continue
-        made = optimized(attrs.evolve(final.problem, experiments=held.experiments), held, final.theta)
-        if made.mean_square <= (1 + CLEAR**2 / len(final.r)) * final.mean_square:
-            own = {block: names.index(f"{block}.{TIME}") for block in blocks if f"{block}.{TIME}" in names}
-            found += [HeldDelay(block, name, float(made.theta[at])) for block, at in own.items()]
+        held = _fitted_held(final, name)
+        if held is not None and held.mean_square <= (1 + CLEAR**2 / len(final.r)) * final.mean_square:
+            times = {block: held.values.get(f"{block}.{TIME}") for block in blocks}
+            found += [HeldDelay(block, name, time) for block, time in times.items() if time is not None]
     return found
+
+
+def _fitted_held(model: Model, name: str) -> Model | None:
+    """The model fitted with an input held between samples; None where it is no other, or not one of its inputs."""
+    held = setup_held(model.setup, name) if name in model.diagram.inputs else None
+    if held is None:
+        return None
+    return optimized(attrs.evolve(model.problem, experiments=held.experiments), held, model.theta)
 
 
 def _resolving_holds(model: Model, name: str) -> Model:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 
@@ -116,8 +117,8 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
     found = _with_commands(part, request, progress, commands)
     if more := found.commands_of(found.base, ROUGH_DISTANCE):
         other = prepared(part, request, progress, commands.joined(more))
-        sharp = found.commands_of(found.base, SHARP_DISTANCE, SHARP_CLEAR).held == more.held
-        most = MAX_ERROR_SHARE if more.held and not sharp else 1.0
+        doubtful = more.held and found.commands_of(found.base, SHARP_DISTANCE, SHARP_CLEAR).held != more.held
+        most = MAX_ERROR_SHARE if doubtful else 1.0
         if other.error < most * found.error and confirmed(other.base, found.base.setup):
             return other
     return found
@@ -212,6 +213,7 @@ def _piece_length(
         return None
     whole, delay = within_windows(records, settings.window), total_delay(part.diagram)
 
+    @functools.cache
     def error_in(length: float | None) -> float:
         some, windows = (records, settings.window) if length is None else split_into_pieces(whole, delay, length)
         tried = attrs.evolve(settings, window=windows)

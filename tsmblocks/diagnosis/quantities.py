@@ -20,6 +20,7 @@ from tsmblocks.diagnosis.presentation import with_interval
 from tsmblocks.diagnosis.segment import DetectionLimit, Quantity
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.effect import sizes_of
+from tsmblocks.effects.sizes import PERCENT
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.recordings import as_recorded
 from tsmblocks.fitting.setup import Setup
@@ -33,7 +34,6 @@ DIFFERENCE = 1e-3
 MAX_OWN_SHARE = 0.01
 """Share of what a common change of separate sizes does to the outputs that nothing else does, up to which other
 parameters absorb it. Chosen: a tenth of the change."""
-PERCENT = 100.0
 MIN_CUT = 0.002
 """Part of the range of a signal that a limit cuts off, from which it is reported. Chosen: less is next to nothing."""
 
@@ -95,25 +95,22 @@ class Estimate:
         for item, value, below, above in sorted(every, key=lambda one: bool(one[0].experiment)):
             if item.parameter in candidate.free:
                 unit = displayed_unit(item.unit, candidate, self.recorded)
-                found[item.name.removeprefix(f"{candidate.block}.")] = Quantity(
-                    float(value), float(below), float(above), unit
-                )
+                found[candidate.name_in_block(item.name)] = Quantity(float(value), float(below), float(above), unit)
         return found
 
-    def sizes(self, candidate: Candidate) -> dict[str, Quantity]:
+    def sizes(self, candidate: Candidate, reference: str | None = None) -> dict[str, Quantity]:
         """The sizes of an effect, those with a value in each experiment under ``name@experiment``.
 
         Intervals are those of the delta method: the size is linear in the parameters within their uncertainty. Where
-        there is a ``reference``, they are relative to its size.
+        there is a ``reference`` (by default the one that is needed), they are relative to its size.
         """
         items = [(k, one) for k, one in enumerate(self.model.problem.unknowns.items) if one.parameter in candidate.free]
         experiments = list(dict.fromkeys(one.experiment for _, one in items if one.experiment))
-        reference, own = self.reference(candidate), dict[str, _Size]()
+        reference = self.reference(candidate) if reference is None else reference
+        own = dict[str, _Size]()
         for experiment in experiments or [""]:
             columns = {
-                one.parameter.removeprefix(f"{candidate.block}."): k
-                for k, one in items
-                if one.experiment in ("", experiment)
+                candidate.name_in_block(one.parameter): k for k, one in items if one.experiment in ("", experiment)
             }
             local = {k for k, one in items if one.experiment == experiment}
             for name, size in self._sizes(candidate, columns).items():
@@ -135,7 +132,7 @@ class Estimate:
         if len(of) != 1 or scales is None or isinstance(block, Diagram):
             return True
         (column,) = of
-        name = self.model.problem.unknowns.items[column].parameter.removeprefix(f"{candidate.block}.")
+        name = candidate.name_in_block(self.model.problem.unknowns.items[column].parameter)
         field = block.fields().get(name)
         if field is None or not (field.opposite and field.acts_at):
             return True
@@ -183,7 +180,7 @@ class Estimate:
 
     def _zero_without(self, candidate: Candidate, sizes: Mapping[str, Quantity]) -> dict[str, Quantity]:
         """Those of the sizes of an effect that are zero without it."""
-        values = {k.removeprefix(f"{candidate.block}."): v for k, v in self.model.values.items()}
+        values = {candidate.name_in_block(k): v for k, v in self.model.values.items()}
         null = _sizes_with(candidate, {**values, **candidate.effect.null}, _units(candidate, self.recorded))
         return {key: one for key, one in sizes.items() if null.get(key.partition("@")[0], (1.0, ""))[0] == 0}
 
@@ -203,7 +200,7 @@ class Estimate:
 
     def _over(self, candidate: Candidate, name: str, gain: int, own: Mapping[str, int]) -> Quantity:
         """A size over the gain in a column, with its interval."""
-        columns = {k.removeprefix(f"{candidate.block}."): own[k] for k in candidate.free if k in own}
+        columns = {candidate.name_in_block(k): own[k] for k in candidate.free if k in own}
         value, unit, gradient = self._gradients(candidate, columns)[name]
         by, at = self.model.theta[gain], [*columns.values(), gain]
         return self._quantity(_Size(value / abs(by), unit, np.append(gradient, -value / by) / abs(by), tuple(at)))

@@ -112,7 +112,8 @@ def _named(
     points = [in_whole_diagram(one.point, diagnosed.part) for one in (candidate, *same_name)]
     _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
     here = [one.candidate.effect.variant for one in others if one.candidate.key[::2] == candidate.key[::2]]
-    sizes = estimate.sizes(candidate)
+    reference = estimate.reference(candidate)
+    sizes = estimate.sizes(candidate, reference)
     forms = dict.fromkeys(one for one in here if one != effect.variant)
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
@@ -136,7 +137,7 @@ def _named(
         why_named(same, [one for one in others if one is not same]),
         estimate.forces(candidate, sizes),
         estimate.absent_in(candidate, sizes),
-        estimate.reference(candidate),
+        reference,
     )
 
 

@@ -14,6 +14,7 @@ from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, f
 from tsmblocks.diagnosis.rejection import LEAVES_MORE, NOT_ACCEPTED
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, RankedCandidate, Segment
+from tsmblocks.effects.sizes import MILLISECONDS
 from tsmblocks.fitting.input_checks import runs_ahead
 
 REMAINING_ERROR_RATIO = 1.1
@@ -26,7 +27,6 @@ LARGE_SHARE = 0.5
 """Share of the variance above the noise floor that an effect removes which was not named, from which a residual is not
 called irregular. Chosen: the larger part of it."""
 NOTHING_TO_REMOVE = "The error is within the noise: there is nothing above the noise floor to remove."
-MILLISECONDS = 1e3
 ALL_SHARE = 0.995
 """Share from which it is printed as 100 %."""
 
