@@ -64,6 +64,16 @@ def test_a_step_meets_the_conditions_of_a_minimum(seed, n, m, data, kind):
     assert np.abs(force * left).max() < 1e-6 * np.abs(g).max()  # and only where they touch
 
 
+@pytest.mark.parametrize("seed", [230, 31717])
+def test_a_single_direction_on_which_bounds_touch_has_a_minimum(seed):
+    H, g, rows, bounds, equal, _ = programme(seed, 7, 6, 6)  # six equalities of seven unknowns
+    d, force = quadratic_step(H, g, rows, bounds, equal)
+    assert np.abs((rows @ d - bounds)[equal]).max() < 1e-8
+    assert (rows @ d - bounds).min() > -1e-8
+    assert force[~equal].min() >= -1e-9
+    np.testing.assert_allclose(H @ d + g, rows.T @ force, atol=1e-6 * np.abs(g).max())
+
+
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 6))
 def test_no_point_that_meets_the_constraints_is_lower(seed, n):

@@ -103,24 +103,35 @@ def _active_set(
 ) -> list[int]:
     """Linearly independent constraints that are active at the solution, by DAQP.
 
-    Its tolerance is not relative: of rows that are much shorter than 1 it sees no violation. All have norm 1 here.
+    The equalities are eliminated before: where they leave a single direction, on which bounds touch, DAQP took a
+    program that a point satisfies for infeasible. Its tolerance is not relative: of rows that are much shorter than 1
+    it sees no violation. All have norm 1 here.
     """
     norms = np.linalg.norm(rows, axis=1)
     norms[norms == 0] = 1.0
     rows, bounds = rows / norms[:, None], bounds / norms
-    kept = [*_independent(rows, np.flatnonzero(equal)), *np.flatnonzero(~equal)]
-    rows, bounds, equal = rows[kept], bounds[kept], equal[kept]
-    above = np.where(equal, bounds, np.inf)
+    held = _independent(rows, np.flatnonzero(equal))
+    basis, triangle = np.linalg.qr(rows[held].T, mode="complete")
+    fixed, free = basis[:, : len(held)], basis[:, len(held) :]
+    start = fixed @ np.linalg.solve(triangle[: len(held)].T, bounds[held])
+    across = rows @ free
+    norms = np.linalg.norm(across, axis=1)
+    limits = np.flatnonzero(~equal & (norms > TOLERANCE))
+    if not len(limits):
+        return list(held)
+    scale = norms[limits, None]
+    left = (bounds - rows @ start)[limits] / scale[:, 0]
     try:
-        solved = _solver(*rows.shape)(h=matrix, g=gradient, a=rows, lba=bounds, uba=above)
+        solved = _solver(len(limits), free.shape[1])(
+            h=free.T @ matrix @ free, g=free.T @ (gradient + matrix @ start), a=across[limits] / scale, lba=left
+        )
     except RuntimeError:
         raise Infeasible("no step meets all constraints at once.") from None
-    multipliers = np.asarray(solved["lam_a"]).ravel()
-    return [k for k, held in zip(kept, equal | (multipliers != 0), strict=True) if held]
+    return [*held, *limits[np.asarray(solved["lam_a"]).ravel() != 0]]
 
 
 def _independent(rows: np.ndarray, which: np.ndarray) -> np.ndarray:
-    """As many of some rows as are linearly independent: DAQP refuses an equality that others imply."""
+    """As many of some rows as are linearly independent: an equality that others imply has no multiplier."""
     if len(which) < 2:
         return which[rows[which].any(axis=1)]
     from scipy.linalg import qr
