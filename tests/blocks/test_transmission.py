@@ -11,6 +11,7 @@ import tsmblocks as tsm
 from tests.blocks.helpers import assert_sound, refuses, simulate, value
 from tsmblocks.blocks import (
     AsymmetricBoucWen,
+    AsymmetricGain,
     Bend,
     Bow,
     BroadCreep,
@@ -41,6 +42,7 @@ from tsmblocks.blocks import (
 NULL = {
     "Slack": Slack(edge=0.3),
     "Slack high": Slack(edge=0.3, side="high"),
+    "AsymmetricGain": AsymmetricGain(),
     "Bend": Bend(centre=0.4),
     "Bow": Bow(width=0.2, centre=0.4),
     "Ripple": Ripple(cycles=7.0),
@@ -68,6 +70,7 @@ NULL = {
 # With an effect, and the parameters whose derivatives are looked at.
 ACTIVE = {
     "Slack": (Slack(share=0.4, edge=0.1), ("share", "edge")),
+    "AsymmetricGain": (AsymmetricGain(difference=-0.3), ("difference",)),
     "Bend": (
         Bend(quadratic=0.1, cubic=-0.05, quartic=0.02, quintic=-0.03, centre=0.2),
         ("quadratic", "cubic", "quartic", "quintic", "centre"),
@@ -210,7 +213,8 @@ def test_derivatives_by_parameters_against_differences(name):
 def test_derivatives_by_the_strengths_at_zero(name):
     """What a search for missing effects looks at first."""
     block = NULL[name]
-    strengths = {"Slack": ["share"], "Bend": ["quadratic", "cubic", "quartic", "quintic"], "Bow": ["size"],
+    strengths = {"Slack": ["share"], "AsymmetricGain": ["difference"],
+                 "Bend": ["quadratic", "cubic", "quartic", "quintic"], "Bow": ["size"],
                  "Ripple": ["cosine", "sine"], "Drift": ["rate"],
                  "Jump": ["size"], "GainChange": ["change"], "GainDrift": ["rate"], "LoopChange": ["change", "gain"],
                  "Creep": ["share"], "BroadCreep": ["share"], "Disturbance": ["cosine", "sine"],
@@ -239,6 +243,11 @@ def test_derivatives_by_the_strengths_at_zero(name):
 def test_sound(block):
     if not block.past_ports:
         assert_sound(block)
+
+
+def test_a_gain_for_each_sign():
+    block = AsymmetricGain(difference=0.2)
+    assert [value(block, u=u)["y"] for u in (-2.0, 0.0, 3.0)] == pytest.approx([-1.8, 0.0, 3.3], abs=1e-15)
 
 
 @pytest.mark.parametrize(("side", "inside"), [("low", 1.0), ("high", -1.0)])

@@ -46,6 +46,28 @@ class Slack(Block):
 
 
 @block
+class AsymmetricGain(Block):
+    r"""A gain that differs between positive and negative values: a valve, a cell, or a drive with two directions.
+
+    .. math:: y = u + \tfrac{1}{2} d\, |u|
+
+    The slope is 1 + d/2 for positive and 1 - d/2 for negative values.
+    """
+
+    source = "definition"
+    symbol = "two slopes"
+
+    difference: float = parameter(
+        default=0.0, about="slope for positive values less that for negative ones", at_least=-2.0, at_most=2.0
+    )
+    u = Input("any signal", unit="?u")
+    y = Output("the signal with two slopes", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + 0.5 * self.difference * ca.fabs(u.u))
+
+
+@block
 class Bend(Block):
     r"""A nonlinear characteristic: powers two to five added to the signal.
 

@@ -125,6 +125,10 @@ def insertion_points(
         direct = [k for k in diagram.inputs if integration_count(diagram, name, before="", after=k) == 0]
         reading = [_behind(diagram, k, named) for k in direct]
         found += [InsertionPoint("across", name, source, other=k, after=source) for k in reading]
+        lagging = [k for k in diagram.inputs if _reaches_through_a_state(diagram, name, k)]
+        found += [
+            InsertionPoint("parallel", name, source, other=_behind(diagram, k, named), after=source) for k in lagging
+        ]
         signal, port = in_front(diagram, source, named)
         if port:
             found.append(InsertionPoint("output", name, signal, before=port))
@@ -147,6 +151,7 @@ def insertion_points(
     drives = {point.signal for point in found if point.place == "drive"}
     found = [point for point in found if point.place not in ("output", "across") or point.signal not in drives]
     found += [InsertionPoint("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
+    found += _branches(diagram, outputs[0])
     own = (own_insertion_point(diagram, outputs[0], effect) for effect in effects if effect.receiver)
     found += [point for point in own if point is not None]
     unique: dict[object, InsertionPoint] = {}
@@ -176,6 +181,13 @@ def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:
         signal = f"{ends[0][0]}.y"
         ends = [x.target for x in diagram.links if ".".join(x.source) == signal]
     return signal
+
+
+def _branches(diagram: Diagram, output: str) -> Iterator[InsertionPoint]:
+    """The ports that an input drives where these are several: the beginnings of parallel branches."""
+    for name, ends in diagram.inlets.items():
+        if len(ends) > 1:
+            yield from (InsertionPoint("input", output, name, before=".".join(end)) for end in ends)
 
 
 def own_insertion_point(diagram: Diagram, output: str, effect: Effect) -> InsertionPoint | None:
@@ -308,6 +320,16 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
             return -1
         known |= front
     return -1
+
+
+def _reaches_through_a_state(diagram: Diagram, output: str, name: str) -> bool:
+    """Whether an input acts on the rate of a state that an output reads: a lag, or an integrator, between them."""
+    eq = equations(diagram.insert(PROBE_BLOCK, Bias(), after=name)) if diagram.inlets[name] else None
+    signal = "" if eq is None else eq.aliases.get(output, output)
+    if eq is None or signal not in eq.y:
+        return False
+    rows, driven = _dependencies(eq), ("p", eq.p.index(f"{PROBE_BLOCK}.bias"))
+    return any(state[0] == "x" and driven in rows[state] for state in rows["y", eq.y.index(signal)] if state in rows)
 
 
 def _dependencies(eq: Equations) -> dict[tuple[str, int], set[tuple[str, int]]]:

@@ -6,7 +6,7 @@ import math
 
 import attrs
 
-from tsmblocks.blocks import DeadTime, Lag, ParallelResonance, RateDependence, Resonance
+from tsmblocks.blocks import DeadTime, FirstOrderLag, Gain, Lag, ParallelResonance, RateDependence, Resonance, Sum
 from tsmblocks.effects.effect import Effect, across, in_front
 from tsmblocks.effects.sizes import MILLISECONDS, PERCENT, Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
@@ -31,6 +31,10 @@ FREQUENCY_RATIO = 1.4
 """Ratio of neighbouring trial natural frequencies, at most. Chosen: modes of a damping ratio of 0.3 overlap."""
 NO_PEAK = 0.5**0.5
 """Damping ratio from which a mode has no peak and is no resonance. Source: |1 / (1 - r^2 + 2 i zeta r)| over r."""
+LEAST_STEPS = 2.0
+"""Shortest time constant of a lag in parallel [sampling steps]. Chosen: a faster one is a gain."""
+TIME_RATIO = 4.0
+"""Ratio of neighbouring trial time constants of it, about. Chosen: fits find their way over a factor of two."""
 COARSE_SAMPLING = 0.05
 """Sampling step [s] from which the trial times grow. Chosen: a third of the longest one."""
 
@@ -43,6 +47,14 @@ TWO_LAGS = Diagram(
     outputs={"y": "second"},
 )
 """Two equal lags: between a dead time and one lag, as higher-order lags are."""
+LAG_BESIDE = Diagram(
+    title="lag in parallel",
+    blocks={"lag": FirstOrderLag(), "gain": Gain(gain=0.0), "both": Sum(signs="++")},
+    wires=["lag -> gain -> both.plus2"],
+    inputs={"u": "both.plus1", "x": "lag"},
+    outputs={"y": "both"},
+)
+"""A lag of a second signal, added to the first; its state is in the unit of ``x``, so a gain of zero removes it."""
 
 
 def _trial_times(name: str, scales: Scales, most: float) -> Trials:
@@ -86,6 +98,17 @@ def _mode_trials(scales: Scales) -> Trials:
     bounds = {"omega": (slowest, 1.5 * fastest), "zeta": (1e-4, 1.5), **begins}
     size = MODE_SHARE * scales.wire.reach / max(scales.other.reach, 1e-300)
     return Trials({"gain": size, "rate_gain": size}, (*light, *wide), bounds=bounds)
+
+
+def _parallel_lag_trials(scales: Scales) -> Trials:
+    shortest, longest = LEAST_STEPS * scales.step, scales.shortest
+    count = max(1, round(math.log(longest / shortest) / math.log(TIME_RATIO)) - 1)
+    ratio = (longest / shortest) ** (1 / (count + 1))
+    shapes = tuple({"lag.time_constant": shortest * ratio ** (k + 0.5)} for k in range(count))
+    wire, other = scales.wire, scales.other
+    begins = {"lag.value": (other.low - other.reach, other.high + other.reach)}
+    size = MODE_SHARE * wire.reach / max(other.reach, 1e-300)
+    return Trials({"gain.gain": size}, shapes, bounds={"lag.time_constant": (shortest, longest), **begins})
 
 
 def _rate_dependence_trials(scales: Scales) -> Trials | None:
@@ -197,6 +220,20 @@ EFFECTS = (
         settled=(),
         variant="parallel",
         sizes=(FREQUENCY, DAMPING),
+    ),
+    attrs.evolve(
+        LAG,
+        words="a further first-order lag in parallel with the model",
+        place="parallel",
+        block=LAG_BESIDE,
+        null={"gain.gain": 0.0},
+        free=("gain.gain", "lag.time_constant"),
+        trials=_parallel_lag_trials,
+        excites="motion faster and slower than its time constant, and pauses",
+        separates="steps with pauses of several time constants",
+        within=("lag.time_constant",),
+        variant="parallel",
+        sizes=(in_proportion("gain", "gain.gain", "{u}/{x}"), in_proportion("time constant", "lag.time_constant", "s")),
     ),
     RATE_DEPENDENCE,
     across(RATE_DEPENDENCE, "rate", "by the input"),

@@ -18,7 +18,7 @@ from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import not_a_block
 
-PLACES = ("output", "input", "drive", "across", "load", "brake", "transmission", "deflection")
+PLACES = ("output", "input", "drive", "across", "load", "brake", "transmission", "deflection", "parallel")
 """Where an effect may be inserted.
 
 ``output``: on the wire of a measured output. ``input``: on the wire of a measured input. ``drive``: on the wire that
@@ -26,7 +26,8 @@ drives the measured output (a force, a voltage: two integrations before it, or o
 ``load``: there too, and its input ``x`` reads the motion. ``brake``: the same where the measured motion is a speed, by
 its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. ``transmission``: on an inner wire
 with a position, from one part of a transmission to the next. ``deflection``: on the difference of two positions that
-the force there moves, as that of a spring. An effect made for one diagram names its wire instead,
+the force there moves, as that of a spring. ``parallel``: as ``across``, where the input reaches the output through a
+lag or an integrator. An effect made for one diagram names its wire instead,
 ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
 QUANTITIES = {
     parse(unit).dimension: kind
@@ -34,7 +35,7 @@ QUANTITIES = {
     for unit in units
 }
 """Dimension of a signal -> what it is, for ``other_words``; anything else is ``"other"``."""
-TWO_SIGNAL_PLACES = ("across", "load", "brake")
+TWO_SIGNAL_PLACES = ("across", "load", "brake", "parallel")
 """Places at which the input ``x`` of an effect's block is connected to a second signal."""
 
 

@@ -9,7 +9,17 @@ from types import SimpleNamespace
 import attrs
 import numpy as np
 
-from tsmblocks.blocks import Bend, Bow, DeadZone, Ripple, Saturation, Slack, SoftDeadZone, SoftSaturation
+from tsmblocks.blocks import (
+    AsymmetricGain,
+    Bend,
+    Bow,
+    DeadZone,
+    Ripple,
+    Saturation,
+    Slack,
+    SoftDeadZone,
+    SoftSaturation,
+)
 from tsmblocks.effects.effect import Effect, in_front
 from tsmblocks.effects.sizes import PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
@@ -23,6 +33,9 @@ MAX_PERIODS = {2: 40.0, 4: 20.0}
 """The same at most, by the number of amplitudes. Chosen: 80 simulations for each of two."""
 ONE_HARMONIC, TWO_HARMONICS = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
 """Names of the amplitudes of a ripple with one harmonic, and with two."""
+MIN_SHARE_OF_SIGN = 0.1
+"""Least extent of a signal to either side of zero for a gain that differs by sign [half the range]. Chosen: less is an
+end of the range."""
 
 
 PERIOD_OF_RIPPLE = Size("period", lambda p, _: 2 * math.pi / p["cycles"])
@@ -135,6 +148,12 @@ def _position_ripple_trials(scales: Scales, names: tuple[str, ...]) -> Trials:
     return ripple_trials(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, names)
 
 
+def _asymmetric_gain_trials(scales: Scales) -> Trials | None:
+    """Both signs have to be there, with a share of the range each, for a gain of each to be told."""
+    least = MIN_SHARE_OF_SIGN * scales.wire.reach
+    return Trials({"difference": 0.05}) if min(scales.wire.high, -scales.wire.low) > least else None
+
+
 def _slack(side: str) -> Effect:
     def trials(scales: Scales) -> Trials:
         low, high, reach = scales.wire.low, scales.wire.high, scales.wire.reach
@@ -155,10 +174,26 @@ def _slack(side: str) -> Effect:
         confused=("even_nonlinearity", "position_ripple"),
         separates="a slow ramp over the full range, at two pretensions",
         variant=f"{side} end",
+        contains=("asymmetric_gain",),
         sizes=(in_proportion("slope lost", "share", "%", PERCENT), in_proportion("edge", "edge")),
     )
 
 
+ASYMMETRIC_GAIN = Effect(
+    "asymmetric_gain",
+    "map",
+    "a gain that differs between positive and negative values",
+    "output",
+    AsymmetricGain(),
+    {"difference": 0.0},
+    ("difference",),
+    _asymmetric_gain_trials,
+    excites="motion to both sides of zero",
+    confused=("even_nonlinearity", "dead_zone"),
+    separates="slow ramps to both sides of zero",
+    variant="output",
+    sizes=(in_proportion("gain for positive values less that for negative ones", "difference", "%", PERCENT),),
+)
 SATURATION = Effect(
     "saturation",
     "map",
@@ -252,6 +287,9 @@ RIPPLE = Effect(
 EFFECTS = (
     _slack("low"),
     _slack("high"),
+    ASYMMETRIC_GAIN,
+    in_front(ASYMMETRIC_GAIN),
+    attrs.evolve(ASYMMETRIC_GAIN, place="drive", variant="drive"),
     Effect(
         "dead_zone",
         "map",

@@ -31,6 +31,7 @@ PLACES = {
     "output": "on the wire of a measured output",
     "input": "on the wire of a measured input, in front of the model",
     "across": "on the wire of a measured output, where it reads the input as well",
+    "parallel": "on the wire of a measured output, where it reads an input that acts on it through a lag or integrator",
     "drive": "on the wire that sets the output in motion (a force, a voltage)",
     "load": "on the wire that sets the output in motion, where it reads the motion as well",
     "brake": "on the wire that sets the output in motion, where that is a speed, which it reads as well",
@@ -57,7 +58,7 @@ TITLES = {
 """Headings of families whose name says too little."""
 PLANTS = {
     "output": "tendon_sheath_asymmetric",
-    **dict.fromkeys(("drive", "load", "brake"), "motor_linear"),
+    **dict.fromkeys(("drive", "load", "brake", "parallel"), "motor_linear"),
     "transmission": "belt_drive",
     "deflection": "flexible_joint",
 }
@@ -254,7 +255,7 @@ def placed(effect: Effect) -> Placed:
     """An effect on its wire in a shipped diagram. Raises TsmError where there is no such wire."""
     plant = PLANTS.get(effect.place, PLANTS["output"])
     base = uses.shipped()[plant]
-    base = base.rewire(outputs=SPEED) if effect.place == "brake" else base
+    base = base.rewire(outputs=SPEED) if effect.place in ("brake", "parallel") else base
     site = next((s for s in _sites(base) if s.place == effect.place), None)
     if site is None:
         raise TsmError(f"there is no place '{effect.place}' in the diagram {plant}.")

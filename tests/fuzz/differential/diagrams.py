@@ -173,6 +173,7 @@ KINKED: list[Make] = [
     lambda r: B.Saturation(low=-_some(r, 0.1, 1), high=_some(r, 0.1, 1)),
     lambda r: B.DeadZone(low=-_some(r, 0, 0.5), high=_some(r, 0, 0.5)),
     lambda r: B.Slack(share=_some(r, 0, 1), edge=_either(r, 0, 0.5), side=r.choice(("low", "high"))),
+    lambda r: B.AsymmetricGain(difference=_either(r, -0.5, 0.5)),
     lambda r: B.Bend(
         quadratic=_either(r, 0, 0.3),
         cubic=_either(r, 0, 0.2),
