@@ -113,8 +113,8 @@ def test_a_lag_at_the_limit_of_the_step_is_said(step):
     assert fit.step == 10.0
     (said,) = (text for text in fit.notes if text.startswith("s.value"))
     assert said == (
-        "s.value is as fast as the step of 10 s can simulate: its parameters follow from the step and not from the "
-        "data; give a smaller step, or fix them."
+        "s.value changes as fast as a step of 10 s can simulate: the parameters that set how fast follow from "
+        "the step and not from the data. Give a smaller step, or fix them."
     )
 
 

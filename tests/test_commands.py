@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
+from tsmblocks.blocks import CoulombFriction, FirstOrderLag, Integrator, Sum
 from tsmblocks.diagnosis import preparation
 from tsmblocks.diagnosis.arguments import checked
 from tsmblocks.diagnosis.commands import Commands
 from tsmblocks.diagnosis.partition import partition
+from tsmblocks.model.simulation import Simulation
 
 STEP = 0.02
 PLANT = """
@@ -255,3 +257,37 @@ def test_a_command_that_is_seen_to_rest_in_one_recording_is_filtered_in_none(u):
     alone = diagnosed({"steps": records["steps"]})
     assert not told(alone, "not filtered")
     assert not told(diagnosed(records, condition=False), "not filtered")
+
+
+@pytest.mark.parametrize("hold", ["zero", "cubic"])
+def test_a_fit_finds_a_hold_that_its_linear_prediction_misses(hold):
+    """Dry friction ends the search at a kink, where the share of a hold is not near 1: the fit blamed the model."""
+    servo = tsm.Diagram(
+        title="servo with friction",
+        blocks=dict(
+            net=Sum(signs="+-"),
+            motor=FirstOrderLag(gain=2.0, time_constant=0.08),
+            angle=Integrator(),
+            friction=CoulombFriction(level=0.15, smoothing=0.01),
+        ),
+        wires=["net -> motor -> angle", "motor -> friction -> net.minus"],
+        inputs={"u": "net.plus"},
+        outputs={"y": "angle"},
+    )
+    true = {"motor.gain": 2.1, "motor.time_constant": 0.085, "friction.level": 0.35, "friction.smoothing": 0.005}
+    t, rng = np.arange(0.0, 4.0, 0.005), np.random.default_rng(2)
+    u = 1.5 * sum(np.sin(2 * np.pi * f * t + p) for f, p in zip((0.3, 0.9, 1.4), rng.uniform(0, 6, 3), strict=True))
+    run = tsm.simulate(servo.with_parameters(true), inputs={"u": (t, u)}, stop=t[-1], step=5e-4, hold=hold)
+    y = np.interp(t, run.t, run["y"]) + rng.normal(0.0, 9e-4, t.size)
+    found = tsm.fit(servo, tsm.Record("run", t, {"u": u, "y": y}, {"u": "V", "y": "rad"}), starts=1)
+    said = told(found, "with u held between samples, as at the output of a sampled controller, a fit leaves")
+    assert bool(said) == (hold == "zero")
+
+
+def test_a_comparison_says_where_models_take_inputs_in_other_ways(u):
+    plant = tsm.loads(PLANT)
+    held = plant.with_simulation(Simulation(hold="zero"))
+    both = tsm.compare({"own": held, "plain": plant}, recorded(u, hold="zero"), starts=1, step=STEP)
+    assert "the models differ in how inputs are taken between samples: " in str(both).replace("\n  ", " ")
+    same = tsm.compare({"own": held, "plain": plant}, recorded(u, hold="zero"), starts=1, step=STEP, hold="zero")
+    assert "between samples" not in str(same)

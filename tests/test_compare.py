@@ -101,7 +101,8 @@ def test_start_values_do_not_count_as_parameters(ranked):
         ({"rig": (None, 2.0)}, (0.0, 2.0), (2.01, 6.0)),
         (1, (0.0, 6.0), None),
         (1.0, (0.0, 6.0), None),
-        (None, (0.0, 6.0), None),
+        ((None, None), (0.0, 6.0), None),
+        (None, (0.0, 3.0), (3.01, 6.0)),
     ],
 )
 def test_parts_that_are_fitted_and_held_out(train, fitted, held):
@@ -120,6 +121,8 @@ def test_whole_experiments_are_held_out():
     assert [d.experiment for d in row.train] == ["rig"]
     assert [d.experiment for d in row.held_out] == ["other"]
     assert row.figure == pytest.approx(tsm.score(row.fit.diagram, data[1], step=0.01).rms, rel=1e-9)
+    default = tsm.compare({"slack": PLAY}, data, held_out=["other"], **QUICK).best
+    assert default.figure == row.figure
     both = tsm.compare({"slack": PLAY}, data, train=0.5, held_out="other", **QUICK).best
     assert [(d.experiment, len(d.t)) for d in both.held_out] == [("other", 601), ("rig", 300)]
 
@@ -279,7 +282,7 @@ def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     poor = tsm.compare({"line": LINEAR}, rig(), **QUICK)
     assert poor.above_noise > 1.5
     assert f"{poor.above_noise:#.2g} times the noise of the recordings (" in str(poor).replace("\n", " ")
-    assert "). Every model has an unmodelled effect. " in str(poor).replace("\n", " ")
+    assert "). Every model leaves more than the noise: all of them lack an effect, " in str(poor).replace("\n", " ")
     assert "A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it." in str(poor).replace("\n", " ")
     assert poor.to_dict()["noise"] == poor.noise
 

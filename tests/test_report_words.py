@@ -288,11 +288,16 @@ def test_cautions_on_many_initial_states_are_one(lag_fit):
     many = attrs.evolve(lone, undetermined=(*few, mixed), active=("the lower bound of lag.value@rec1#2 (0)",))
     assert cautions(many, {}) == [
         "lag.time_constant and some initial states are determined only together.",
-        "The initial values of lag.value in 4 of the 6 pieces (rec1#5 is piece 5 of rec1) are poorly determined.",
+        "The initial value of lag.value is poorly determined in 3 of the 6 pieces.",
+    ]
+    two = attrs.evolve(lone, undetermined=(mixed, *(undetermined(f"lag.value@rec1#{k}") for k in (2, 5))))
+    worse = attrs.evolve(two, active=("the lower bound of lag.value@rec1#2 (0)",))
+    assert cautions(worse, {})[1:] == [
+        "The initial value of lag.value is poorly determined in piece 2 of rec1 and piece 5 of rec1."
     ]
     pairs = tuple(undetermined(f"lag.value@rec1#{k}", f"lag.value@rec1#{k + 1}") for k in (1, 3, 5))
     (said,) = cautions(attrs.evolve(many, undetermined=pairs), {})
-    assert said.startswith("The initial values of lag.value in each of the 6 pieces (rec1#6 is")
+    assert said == "The initial value of lag.value is poorly determined in each of the 6 pieces."
 
 
 def test_correlations_are_those_of_the_effects(lag_fit):
@@ -320,7 +325,7 @@ def test_cautions_on_initial_states_of_whole_recordings_name_these(lag_fit):
     vague = tuple(undetermined("lag.value@run1", f"lag.value@run{k}") for k in (2, 3, 4))
     fit = attrs.evolve(lag_fit, estimates=estimates, records=records, undetermined=vague)
     assert cautions(fit, {}) == [
-        "The initial values of lag.value in 4 of the 6 experiments (run1, run2 and 2 more) are poorly determined."
+        "The initial value of lag.value is poorly determined in 4 of the 6 experiments (run1, run2 and 2 more)."
     ]
 
 

@@ -38,10 +38,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     recordings.data_arguments(parser.add_argument_group("measured data"), several=True)
     add = partial(common.add, parser.add_argument_group("fits"))
     train = (
-        "share of each recording that is fitted, from its start (default 0.5; with 1 there are no held-out "
-        "data), or its times START:STOP in s"
+        "share of each recording that is fitted, from its start (default 0.5, or 1 with --held-out), or its times "
+        "START:STOP in s"
     )
-    add("--train", metavar="PART", type=common.share_or_time_range, default=0.5, help=train)
+    add("--train", metavar="PART", type=common.share_or_time_range, help=train)
     add("--held-out", metavar="EXPERIMENT", default=[], help="experiments that are not fitted at all", **common.SEVERAL)
     add("--free", metavar="PATTERN", help="parameters of the models that may change (default: all)", **common.SEVERAL)
     add("--each", action="store_true", help="fit every file separately")
@@ -142,12 +142,15 @@ def _progress(models: Sequence[str], groups: int) -> Callable[[str, int, float],
 
 def _heading(args: argparse.Namespace) -> str:
     """One sentence on the fitted data and the held-out data."""
-    if isinstance(args.train, tuple):
-        low, high = ("" if value is None else f"{value:g}" for value in args.train)
+    from tsmblocks.fitting.compare import default_train
+
+    train = default_train(args.held_out) if args.train is None else args.train
+    if isinstance(train, tuple):
+        low, high = ("" if value is None else f"{value:g}" for value in train)
         where = f"{low}:{high} s of each recording"
     else:
-        where = "all samples" if args.train == 1 else f"the first {100 * args.train:g} % of each recording"
-    ranked = "" if args.train == 1 else ", ranked on the rest"
+        where = "all samples" if train == 1 else f"the first {100 * train:g} % of each recording"
+    ranked = "" if train == 1 else ", ranked on the rest"
     apart = f"; not fitted at all: {', '.join(args.held_out)}" if args.held_out else ""
     return textwrap.fill(f"fitted to {where}{ranked}{apart}", line_width())
 

@@ -22,7 +22,7 @@ from tsmblocks.diagnosis.script import diagram_source
 from tsmblocks.diagnosis.segment import Consequence, Segment
 from tsmblocks.diagnosis.settings import Provenance, Simulated, recorded
 from tsmblocks.diagnosis.summary import segment_summary
-from tsmblocks.fitting.holds import common_holds, in_one_word
+from tsmblocks.fitting.holds import common_holds, hold_text, in_one_word
 from tsmblocks.fitting.parameters import with_initial_values
 from tsmblocks.fitting.setup import one_where_equal
 from tsmblocks.model.diagram import Diagram
@@ -153,11 +153,6 @@ def _hold(parts: Sequence[DiagnosedPart]) -> Hold:
     return in_one_word(common_holds(experiments))
 
 
-def _hold_text(hold: Hold) -> str:
-    """The hold of all inputs, or of each of them, in words."""
-    return hold if isinstance(hold, str) else ", ".join(f"{name} {one}" for name, one in hold.items())
-
-
 def _inputs_text(parts: Sequence[DiagnosedPart]) -> str:
     """How the noise of inputs was dealt with, in words."""
     exact = [k for one in parts for k in one.part.diagram.inputs if k not in one.filtered]
@@ -186,6 +181,6 @@ def _options(request: Request, parts: Sequence[DiagnosedPart]) -> dict[str, str]
         "step": f"{' to '.join(f'{h:.4g}' for h in (steps[:1] + steps[1:][-1:]))} s"
         f" ({'given' if settings.step is not None else 'chosen'})",
         "integrator": settings.integrator,
-        "hold": _hold_text(_hold(parts)),
+        "hold": hold_text(_hold(parts)),
         "seed": str(settings.seed),
     }

@@ -105,28 +105,33 @@ def without(fit: Fit, names: Collection[str]) -> Fit:
 
 
 def _on_states(fit: Fit) -> list[str]:
-    """What is not known of initial states, in a sentence, and the parameters that only matter together with them."""
+    """What is not known of initial states: those that matter only with parameters in one sentence, the others by state.
+
+    States that are poorly determined in the same experiments share a sentence.
+    """
     states = _states(fit)
-    vague = {name for u in fit.undetermined for name in u.names if name in states}
+    mixed = [u.names for u in fit.undetermined if u.kind not in (NO_INFLUENCE, UNCERTAIN) and not states >= {*u.names}]
+    mixed = [names for names in mixed if not states.isdisjoint(names)]
+    tied = list(dict.fromkeys(name for names in mixed for name in names if name not in states))
+    vague = {name for u in fit.undetermined if u.names not in mixed for name in u.names if name in states}
     vague |= {name for a, b, _ in tangled(fit) for name in (a, b) if name in states}
     vague |= {name for text in fit.active for name in text.split() if name in states}
-    combined = [u.names for u in fit.undetermined if u.kind not in (NO_INFLUENCE, UNCERTAIN)]
-    mixed = [names for names in combined if not states.isdisjoint(names)]
-    tied = list(dict.fromkeys(name for names in mixed for name in names if name not in states))
-    said = []
-    if tied:
-        said.append(f"{', '.join(tied)} and some initial states are determined only together.")
-    parameters = sorted({name.partition("@")[0] for name in vague})
-    return [*said, f"The initial values of {listed(parameters)} {_where(fit, vague)} are poorly determined."]
+    said = [f"{', '.join(tied)} and some initial states are determined only together."] if tied else []
+    alike = dict[frozenset[str], list[str]]()
+    for parameter in sorted({name.partition("@")[0] for name in vague}):
+        own = frozenset(name.partition("@")[2] for name in vague if name.partition("@")[0] == parameter)
+        alike.setdefault(own, []).append(parameter)
+    for own, names in alike.items():
+        verb, noun = ("is", "value") if len(names) == 1 else ("are", "values")
+        said.append(f"The initial {noun} of {listed(names)} {verb} poorly determined in {_where(fit, own)}.")
+    return said
 
 
-def _where(fit: Fit, vague: set[str]) -> str:
-    """``in 33 of the 40 pieces (rec2#10 is piece 10 of rec2)``, or in experiments."""
-    own = sorted({name.partition("@")[2] for name in vague}, key=list(fit.records).index)
-    whole = {name.partition("@")[2] for name in _states(fit)}
-    last = own[-1]
-    if PIECE_SEPARATOR not in last:
-        return f"in {len(own)} of the {len(whole)} experiments ({listed(own, 2)})"
-    number = last.rpartition(PIECE_SEPARATOR)[2]
-    count = f"each of the {len(whole)}" if len(own) == len(whole) else f"{len(own)} of the {len(whole)}"
-    return f"in {count} pieces ({last} is piece {number} of {experiment_of(last)})"
+def _where(fit: Fit, own: Collection[str]) -> str:
+    """Experiments in words: ``33 of the 40 pieces``, ``piece 5 of rec2``, ``2 of the 6 experiments (rec1, rec2)``."""
+    whole, ordered = {name.partition("@")[2] for name in _states(fit)}, sorted(own, key=list(fit.records).index)
+    if PIECE_SEPARATOR not in ordered[0]:
+        return f"{len(own)} of the {len(whole)} experiments ({listed(ordered, 2)})"
+    if len(own) > MAX_STATE_CAUTIONS:
+        return f"{'each' if len(own) == len(whole) else len(own)} of the {len(whole)} pieces"
+    return listed([f"piece {one.rpartition(PIECE_SEPARATOR)[2]} of {experiment_of(one)}" for one in ordered])

@@ -62,7 +62,11 @@ class Commands:
     def notes(self) -> list[str]:
         """A note on each of the inputs."""
         return [
-            *(f"{k} is held between samples (hold='zero'), which the outputs show." for k in self.held),
+            *(
+                f"{k} is held between samples (hold='zero'), which the outputs show. To fit or compare models in the "
+                "same way, give --hold zero."
+                for k in self.held
+            ),
             *(f"{k} was not filtered: its fast part, which looks like noise, drives the outputs." for k in self.exact),
         ]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ def compare(
     models: Models,
     data: Data,
     *,
-    train: Any = 0.5,
+    train: Any = None,
     held_out: Iterable[str] = (),
     free: Mapping[str, Iterable[str]] | None = None,
     start_states: bool = True,
@@ -57,9 +57,10 @@ def compare(
         None takes all ready-made ones.
     data : Record, path, DataFrame, list or dict of str to these
         One recording or several experiments, by name.
-    train : float or (float, float), default 0.5
+    train : float or (float, float), optional
         Share of each recording that is fitted, from its start (1 holds nothing out), or a window (start, stop) in s;
-        the rest after it is held out, or, where nothing follows, the part before.
+        the rest after it is held out, or, where nothing follows, the part before. By default 0.5, and 1 where
+        ``held_out`` names experiments.
     held_out : list of str, optional
         Experiments that are not fitted at all.
     free : dict of str to list of str, optional
@@ -110,7 +111,8 @@ def compare(
     ('linear', 2)
     """
     candidates, records = _models(models), recordings(data)
-    fitted, tested = training_windows(records, train, arguments.as_names("held_out", held_out, "bend 60"))
+    apart = arguments.as_names("held_out", held_out, "bend 60")
+    fitted, tested = training_windows(records, default_train(apart) if train is None else train, apart)
     given = arguments.as_mapping("free", free, "'play': ['play.*']")
     for name in given:
         if name not in candidates:
@@ -142,6 +144,11 @@ def compare(
         if interrupted or rows[-1].interrupted:
             break
     return _ranked(rows, tuple(dict.fromkeys(notes)), records, candidates, interrupted)
+
+
+def default_train(held_out: Sequence[str]) -> float:
+    """The share of each recording that is fitted by default: all of it where others are held out whole."""
+    return 1.0 if held_out else 0.5
 
 
 def _with_units(

@@ -12,6 +12,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import RunError
+from tsmblocks.fitting.gauss_newton import gauss_newton
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.residuals import Problem
@@ -25,6 +26,12 @@ is longer than the half sample by which a hold delays is no hold."""
 CLEAR = 4.0
 """Share of an alternative, in its standard deviations, from which it is clear of 0. Chosen: recordings are not read
 otherwise on a doubt."""
+
+MAX_REST = 0.5
+"""Mean square of a fit with an input held, over that without, below which it is reported. Chosen: half a sample of
+delay, which is all that a hold adds, seldom removes as much of what else a model lacks."""
+ROUGH_TOLERANCE = 1e-2
+"""Predicted gain [variances of a sample] at which that fit ends. Chosen: its residual is reported in two digits."""
 
 
 def setup_held(setup: Setup, name: str) -> Setup | None:
@@ -120,8 +127,13 @@ def held_input_notes(
     J: Jacobian,
     held: np.ndarray | None,
     may_be_held: Iterable[str],
+    *,
+    far: bool,
 ) -> Iterator[str]:
-    """A note on each of some inputs that the outputs show to be held between samples."""
+    """A note on each of some inputs that the outputs show to be held between samples.
+
+    Where the residual is ``far`` above the noise, the linear prediction may miss it: the fit is repeated with each.
+    """
     for name in may_be_held:
         if (finer := resolving_holds(problem, setup, name)) is not None:
             problem, setup = finer
@@ -134,3 +146,21 @@ def held_input_notes(
                 f"not with a smooth {name}: the residual would be about {np.sqrt(one.rest / square(r)):.2g} of what it "
                 "is. Fit with hold='zero', or --hold zero."
             )
+        elif other is not None and far:
+            yield from _note_of_refit(problem, setup, theta, r, name)
+
+
+def _note_of_refit(problem: Problem, setup: Setup, theta: np.ndarray, r: np.ndarray, name: str) -> Iterator[str]:
+    """A note on an input where a fit with it held leaves much less than without, from where that one ended."""
+    held = setup_held(setup, name)
+    if held is None:
+        return
+    try:
+        end = gauss_newton(attrs.evolve(problem, experiments=held.experiments), theta, tolerance=ROUGH_TOLERANCE)
+    except RunError:  # it does not run there
+        return
+    if 2 * end.cost < MAX_REST * square(r):
+        yield (
+            f"with {name} held between samples, as at the output of a sampled controller, a fit leaves "
+            f"{np.sqrt(2 * end.cost / square(r)):.2g} of this residual. If it was, give hold='zero' (--hold zero)."
+        )

@@ -34,6 +34,11 @@ def in_one_word(holds: Mapping[str, str]) -> Hold:
     return dict(holds) if len(those) > 1 else those.pop() if those else AUTO
 
 
+def hold_text(hold: Hold) -> str:
+    """The hold of all inputs, or of each of them, in words."""
+    return hold if isinstance(hold, str) else ", ".join(f"{name} {one}" for name, one in hold.items())
+
+
 def hold_notes(record: Record, holds: Mapping[str, str], given: Hold) -> Iterator[str]:
     """A note on inputs that are piecewise constant: that they are held, or the consequence of another interpolation."""
     asked = hold_of_each(given, list(holds))

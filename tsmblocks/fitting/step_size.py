@@ -82,8 +82,8 @@ def limit_note(problem: Problem, theta: np.ndarray) -> list[str]:
         return []
     step = problem.experiments[0].times.h
     return [
-        f"{state} is as fast as the step of {step:.3g} s can simulate: its parameters follow from the step and not "
-        "from the data; give a smaller step, or fix them."
+        f"{state} changes as fast as a step of {step:.3g} s can simulate: the parameters that set how fast follow from "
+        "the step and not from the data. Give a smaller step, or fix them."
     ]
 
 

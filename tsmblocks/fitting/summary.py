@@ -106,7 +106,7 @@ def summarise(
             *_step_notes(problem, setup, optimum),
             *scale_notes(setup, growth=min(d.fit_percent for d in differences) < POOR),
             *_data_notes(setup, differences),
-            *_held_input_notes(problem, setup, optimum),
+            *_held_input_notes(problem, setup, optimum, far=_is_far(setup, differences)),
             *_input_noise_notes(problem, setup, optimum),
             *_known_parameter_notes(setup, [item.parameter for item in unknowns.items]),
         ),
@@ -190,14 +190,19 @@ def _step_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
     return shift_note(problem.unknowns.names, _moved(at, fine.residuals(at.theta)), setup.experiments[0].times.h)
 
 
+def _is_far(setup: Setup, differences: Differences) -> bool:
+    """Whether the residual of an output is far above its noise."""
+    records = {experiment.name: experiment.record for experiment in setup.experiments}
+    inputs = setup.diagram.inports
+    material = ((own, own[0].output, own[0].unit) for own in material_residuals(differences))
+    return any(is_far(own, output_noise(name, unit, records, inputs)[0]) for own, name, unit in material)
+
+
 def _fixed_in_doubt(
     problem: Problem, setup: Setup, at: _Optimum, differences: Differences
 ) -> dict[str, tuple[str, ...]]:
     """Fixed parameters that may cause a residual far above the noise, by output."""
-    records = {experiment.name: experiment.record for experiment in setup.experiments}
-    inputs = setup.diagram.inports
-    material = ((own, own[0].output, own[0].unit) for own in material_residuals(differences))
-    if not any(is_far(own, output_noise(name, unit, records, inputs)[0]) for own, name, unit in material):
+    if not _is_far(setup, differences):
         return {}
     space = column_space(at.jacobian, SQUARED_EFFECT_TOLERANCE, held=at.rows)
     return fixed_in_doubt(problem, setup, at.theta, at.residuals, space)
@@ -217,11 +222,11 @@ def _input_noise_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str
     return input_noise_note(problem.unknowns.names, _moved(at, residuals), inputs, COVERED)
 
 
-def _held_input_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
+def _held_input_notes(problem: Problem, setup: Setup, at: _Optimum, *, far: bool) -> list[str]:
     """Notes on inputs whose hold was not given, where the outputs show that they are held between samples."""
     given = hold_of_each(setup.given_hold, list(setup.diagram.inports))
     open_ = [name for name, hold in given.items() if hold == AUTO]
-    return list(held_input_notes(problem, setup, at.theta, at.residuals, at.jacobian, at.rows, open_))
+    return list(held_input_notes(problem, setup, at.theta, at.residuals, at.jacobian, at.rows, open_, far=far))
 
 
 def _moved(at: _Optimum, residuals: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from tsmblocks.common.views import no_view
 from tsmblocks.data.noise_floor import method_text
 from tsmblocks.fitting.above_noise import FAR, beyond_noise, factor_text
 from tsmblocks.fitting.comparison import Comparison, Row, overall
+from tsmblocks.fitting.holds import hold_text
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
 from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import STATUS, Estimate, Fit
@@ -208,8 +209,21 @@ def comparison_text(comparison: Comparison) -> str:
         key = f"\n{OPEN} some of them are not determined by these data" if any(OPEN in r[1] for r in rows) else ""
         parts.append(columns(rows) + key)
     parts += _list("could not be fitted:", [f"{row.name}: {row.fault}" for row in comparison if row.fit is None])
-    parts += _list("beware:", [f"{row.name}: {text}" for row in comparison for text in row_doubts(row)])
+    doubts = [f"{row.name}: {text}" for row in comparison for text in row_doubts(row)]
+    parts += _list("beware:", [*_simulated_differently(comparison), *doubts])
     return "\n\n".join(parts)
+
+
+def _simulated_differently(comparison: Comparison) -> list[str]:
+    """A caution on models whose inputs are taken otherwise between samples, as a file of a model may say."""
+    said: dict[str, list[str]] = {}
+    for row in comparison:
+        if row.fit is not None:
+            said.setdefault(f"hold={hold_text(row.fit.hold)}", []).append(row.name)
+    if len(said) < 2:
+        return []
+    each = " and ".join(f"{listed(names)} with {how}" for how, names in said.items())
+    return [f"the models differ in how inputs are taken between samples: {each}. Give one for all (hold=, --hold)."]
 
 
 def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
@@ -239,7 +253,10 @@ def _beside_noise(comparison: Comparison) -> list[str]:
     text = f"{name} fits best: its error is {factor_text(ratio)} times the noise of the recordings ({size} rms, "
     text += f"{method_text(comparison.noise_from)})."
     if ratio >= FAR:
-        text += " Every model has an unmodelled effect. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
+        text += (
+            " Every model leaves more than the noise: all of them lack an effect, or are simulated with the wrong hold "
+            "or step. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
+        )
     return [textwrap.fill(text, line_width(), break_on_hyphens=False)]
 
 
