@@ -115,9 +115,9 @@ def test_a_floor_found_above_what_the_model_leaves_gives_way(monkeypatch):
     assert said.verdict == "named"
     (note,) = [n for n in said.notes if "noise floor" in n]
     assert note == (
-        "the noise of x_out estimated from repeated periods, 1.16 deg rms, is not all noise: the residual of the base, "
-        "which contains all of it, is smaller (0.353 deg rms). Its fast noise is taken for the noise floor instead, "
-        "0.0621 deg rms."
+        "the noise of x_out estimated from repeated periods, 1.16 deg rms, is not all noise: the residual of the base "
+        "model, which contains all of it, is 0.353 deg rms. Taken for the noise floor instead: the fast noise, 0.0619 "
+        "deg rms."
     )
 
 

@@ -10,8 +10,15 @@ import numpy as np
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import conditioned
+from tsmblocks.data.fast_noise import sample_to_sample_noise
 from tsmblocks.data.filters import white_noise_power
-from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, Noise, fast_noise_of_recordings, noise_over_recordings
+from tsmblocks.data.noise_floor import (
+    HIGH_FREQUENCIES,
+    MIN_NOISE_SAMPLES,
+    Noise,
+    fast_noise_of_recordings,
+    noise_over_recordings,
+)
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
@@ -164,18 +171,39 @@ def _estimated(records: Mapping[str, Record], diagram: Diagram, name: str) -> No
     return found
 
 
+def fast_noise_of_residuals(model: Model) -> dict[str, float]:
+    """The noise from sample to sample in the residuals of each output [its floor], the median over experiments.
+
+    Jumps of an output that the model simulates are not in it: where an input passes to the output at once, those of a
+    staircase look like noise.
+    """
+    result, count = dict[str, float](), len(model.setup.outputs)
+    for k, name in enumerate(model.setup.outputs):
+        own = zip(model.setup.experiments, model.problem.segments[k::count], strict=True)
+        found = [
+            sample_to_sample_noise(one.t, model.r[rows]).floor for one, rows in own if len(one.t) >= MIN_NOISE_SAMPLES
+        ]
+        result[name] = float(np.median(found)) if found else np.inf
+    return result
+
+
 def lowered_noise_floors(
-    found: NoiseFloors, residual_rms: Mapping[str, float], records: Mapping[str, Record], diagram: Diagram
+    found: NoiseFloors,
+    residual_rms: Mapping[str, float],
+    fast_residual: Mapping[str, float],
+    records: Mapping[str, Record],
+    diagram: Diagram,
 ) -> tuple[NoiseFloors, list[str]]:
     """Noise floors no higher than the residual of a model, and notes on those that changed.
 
-    ``residual_rms`` is that of each output, divided by its floor. An estimated floor is replaced by the fast noise,
-    where that is lower; a given one stays, with a warning.
+    ``residual_rms`` is that of each output, divided by its floor, and ``fast_residual`` its fast noise. An estimated
+    floor is replaced by the fast noise, where that is lower; a given one stays, with a warning.
     """
     sigma, method, more_notes = dict(found.sigma), dict(found.method), list[str]()
     low, high, recordings = dict(found.low), dict(found.high), dict(found.recordings)
     for name, share in residual_rms.items():
-        if share * MAX_FLOOR_RATIO >= 1:
+        with_jumps = method[name] == HIGH_FREQUENCIES and fast_residual[name] * MAX_FLOOR_RATIO < 1
+        if share * MAX_FLOOR_RATIO >= 1 and not with_jumps:
             continue
         unit = as_recorded(diagram, name, records.values())
         floor, rms = (in_display_units(k * sigma[name], unit) for k in (1.0, share))
@@ -186,12 +214,13 @@ def lowered_noise_floors(
                 f"so no effect can be found: is it in the right unit{meant}?"
             )
             continue
-        fast = fast_noise_of_recordings(records, name, unit)
+        fast = min(fast_noise_of_recordings(records, name, unit), fast_residual[name] * sigma[name])
         if 0 < fast < sigma[name]:
+            why = "contains jumps that the base model simulates" if with_jumps else ""
+            why = why or f"is not all noise: the residual of the base model, which contains all of it, is {rms} rms"
             more_notes.append(
-                f"the noise of {name} estimated from {method[name]}, {floor} rms, is not all noise: the residual of "
-                f"the base, which contains all of it, is smaller ({rms} rms). Its fast noise is taken for the noise "
-                f"floor instead, {in_display_units(fast, unit)} rms."
+                f"the noise of {name} estimated from {method[name]}, {floor} rms, {why}. Taken for the noise floor "
+                f"instead: the fast noise, {in_display_units(fast, unit)} rms."
             )
             sigma[name], method[name] = fast, HIGH_FREQUENCIES
             low[name], high[name] = fast, np.inf

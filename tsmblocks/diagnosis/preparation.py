@@ -26,7 +26,7 @@ from tsmblocks.diagnosis.commands import (
 from tsmblocks.diagnosis.decision import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
-from tsmblocks.diagnosis.noise_floor import NoiseFloors, lowered_noise_floors, noise_floors
+from tsmblocks.diagnosis.noise_floor import NoiseFloors, fast_noise_of_residuals, lowered_noise_floors, noise_floors
 from tsmblocks.diagnosis.partition import (
     MAX_GROWN_ERROR,
     MAX_WHOLE_ERROR,
@@ -253,7 +253,9 @@ def _base(
 ) -> tuple[Model, NoiseFloors, list[str]]:
     """The base, fitted again where its residual lowers a noise floor; the floors, and notes on them."""
     base = _calibrated(part, records, settings, progress)
-    floors, lowered = lowered_noise_floors(floors, base.residual_rms, compared, part.diagram)
+    floors, lowered = lowered_noise_floors(
+        floors, base.residual_rms, fast_noise_of_residuals(base), compared, part.diagram
+    )
     if floors.sigma != settings.sigma:
         base = _calibrated(part, records, attrs.evolve(settings, sigma=floors.sigma), progress)
     return base, floors, lowered
