@@ -119,20 +119,7 @@ def insertion_points(
         if not head:
             continue  # the output is an input: there is nothing in between
         source = f"{head}.{port}"
-        found.append(InsertionPoint("output", name, source, after=source))
-        if any(".".join(link.source) == source for link in diagram.links):  # what is measured acts on other blocks too
-            found.append(InsertionPoint("output", name, source, before=name))
-        direct = [k for k in diagram.inputs if integration_count(diagram, name, before="", after=k) == 0]
-        reading = [_behind(diagram, k, named) for k in direct]
-        found += [InsertionPoint("across", name, source, other=k, after=source) for k in reading]
-        lagging = [k for k in diagram.inputs if _reaches_through_a_state(diagram, name, k)]
-        found += [
-            InsertionPoint("parallel", name, source, other=_behind(diagram, k, named), after=source) for k in lagging
-        ]
-        signal, port = in_front(diagram, source, named)
-        if port:
-            found.append(InsertionPoint("output", name, signal, before=port))
-            found += [InsertionPoint("across", name, signal, other=k, before=port) for k in reading]
+        found += _at_the_output(diagram, name, source, named)
         unit = diagram.unit(name) or (measured or {}).get(name, "")
         speed = is_speed(unit)
         drive = driving_port(diagram, name, FORCE_TO_POSITION - speed)
@@ -158,6 +145,24 @@ def insertion_points(
     for point in found:
         unique.setdefault(point.edit, point)
     return list(unique.values())
+
+
+def _at_the_output(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
+    """Wires of a measured output, alone and beside an input: those behind all blocks and in front of those named."""
+    yield InsertionPoint("output", name, source, after=source)
+    if any(".".join(link.source) == source for link in diagram.links):  # what is measured acts on other blocks too
+        yield InsertionPoint("output", name, source, before=name)
+    signal, port = in_front(diagram, source, named)
+    if port:
+        yield InsertionPoint("output", name, signal, before=port)
+    for k in diagram.inputs:
+        read = _behind(diagram, k, named)
+        if integration_count(diagram, name, before="", after=k) == 0:
+            yield InsertionPoint("across", name, source, other=read, after=source)
+            if port:
+                yield InsertionPoint("across", name, signal, other=read, before=port)
+        if _reaches_through_a_state(diagram, name, k):
+            yield InsertionPoint("parallel", name, source, other=read, after=source)
 
 
 def in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:
@@ -187,7 +192,7 @@ def _branches(diagram: Diagram, output: str) -> Iterator[InsertionPoint]:
     """The ports that an input drives where these are several: the beginnings of parallel branches."""
     for name, ends in diagram.inlets.items():
         if len(ends) > 1:
-            yield from (InsertionPoint("input", output, name, before=".".join(end)) for end in ends)
+            yield from (InsertionPoint("branch", output, name, before=".".join(end)) for end in ends)
 
 
 def own_insertion_point(diagram: Diagram, output: str, effect: Effect) -> InsertionPoint | None:

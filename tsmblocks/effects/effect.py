@@ -18,7 +18,7 @@ from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import not_a_block
 
-PLACES = ("output", "input", "drive", "across", "load", "brake", "transmission", "deflection", "parallel")
+PLACES = ("output", "input", "drive", "across", "load", "brake", "transmission", "deflection", "parallel", "branch")
 """Where an effect may be inserted.
 
 ``output``: on the wire of a measured output. ``input``: on the wire of a measured input. ``drive``: on the wire that
@@ -27,8 +27,8 @@ drives the measured output (a force, a voltage: two integrations before it, or o
 its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. ``transmission``: on an inner wire
 with a position, from one part of a transmission to the next. ``deflection``: on the difference of two positions that
 the force there moves, as that of a spring. ``parallel``: as ``across``, where the input reaches the output through a
-lag or an integrator. An effect made for one diagram names its wire instead,
-``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
+lag or an integrator. ``branch``: on the wire from an input to one of several blocks that it drives. An effect made for
+one diagram names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
 QUANTITIES = {
     parse(unit).dimension: kind
     for kind, units in {"position": ("rad", "m"), "speed": ("rad/s", "m/s")}.items()
@@ -194,6 +194,12 @@ def in_front(effect: Effect, words: str = "") -> Effect:
     said = words or f"{effect.words}, in front of the model"
     others = {kind: f"{said}, in front of the model" for kind, said in effect.other_words.items()}
     return attrs.evolve(effect, words=said, place="input", variant="input", other_words=others)
+
+
+def on_branch(effect: Effect) -> Effect:
+    """The variant of an effect that acts in one of several branches that an input drives."""
+    variant = ", ".join(filter(None, ("branch", effect.variant.removeprefix("output"))))
+    return attrs.evolve(effect, place="branch", variant=variant)
 
 
 def separate(effect: Effect, instant: str = "", words: str = "") -> Effect:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch, StribeckStretch
-from tsmblocks.effects.effect import Effect, across, in_front, on_input
+from tsmblocks.effects.effect import Effect, across, in_front, on_branch, on_input
 from tsmblocks.effects.sizes import Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 
@@ -180,6 +180,7 @@ EFFECTS = (
     in_front(BACKLASH, "a backlash gap in front of the model"),
     HYSTERESIS,
     in_front(HYSTERESIS, "hysteresis in front of the model"),
+    on_branch(HYSTERESIS),
     STRIBECK,
     in_front(STRIBECK, "hysteresis that narrows with the speed, in front of the model"),
     ASYMMETRY,

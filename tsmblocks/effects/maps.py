@@ -20,7 +20,7 @@ from tsmblocks.blocks import (
     SoftDeadZone,
     SoftSaturation,
 )
-from tsmblocks.effects.effect import Effect, in_front
+from tsmblocks.effects.effect import Effect, in_front, on_branch
 from tsmblocks.effects.sizes import PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
 
@@ -149,7 +149,7 @@ def _position_ripple_trials(scales: Scales, names: tuple[str, ...]) -> Trials:
 
 
 def _asymmetric_gain_trials(scales: Scales) -> Trials | None:
-    """Both signs have to be there, with a share of the range each, for a gain of each to be told."""
+    """None where the signal has hardly one of the two signs."""
     least = MIN_SHARE_OF_SIGN * scales.wire.reach
     return Trials({"difference": 0.05}) if min(scales.wire.high, -scales.wire.low) > least else None
 
@@ -289,6 +289,7 @@ EFFECTS = (
     _slack("high"),
     ASYMMETRIC_GAIN,
     in_front(ASYMMETRIC_GAIN),
+    on_branch(ASYMMETRIC_GAIN),
     attrs.evolve(ASYMMETRIC_GAIN, place="drive", variant="drive"),
     Effect(
         "dead_zone",
@@ -310,15 +311,19 @@ EFFECTS = (
     ),
     SOFT_DEAD_ZONE,
     in_front(SOFT_DEAD_ZONE, "a dead zone in front of the model"),
+    on_branch(SOFT_DEAD_ZONE),
     SATURATION,
     in_front(SATURATION),
+    on_branch(SATURATION),
     attrs.evolve(SATURATION, place="drive", variant="drive"),
     SOFT_SATURATION,
     attrs.evolve(SOFT_SATURATION, place="drive", variant="soft drive"),
     EVEN,
     in_front(EVEN),
+    on_branch(EVEN),
     ODD,
     in_front(ODD),
+    on_branch(ODD),
     attrs.evolve(
         ODD,
         words="a characteristic whose slope differs between the middle and the ends",

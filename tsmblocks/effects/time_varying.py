@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import attrs
 
 from tsmblocks import blocks
-from tsmblocks.effects.effect import Effect, across, in_front, separate
+from tsmblocks.effects.effect import Effect, across, in_front, on_branch, separate
 from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
 
@@ -242,8 +242,12 @@ EFFECTS = (
     separate(LOAD_STEP, "time"),
     GAIN_CHANGE,
     separate(GAIN_CHANGE, "time"),
+    on_branch(GAIN_CHANGE),
+    separate(on_branch(GAIN_CHANGE), "time"),
     GAIN_DRIFT,
     separate(GAIN_DRIFT),
+    on_branch(GAIN_DRIFT),
+    separate(on_branch(GAIN_DRIFT)),
     LOOP_CHANGE,
     separate(LOOP_CHANGE, "time"),
     LOOP_CHANGE_OF_INPUT,

@@ -30,6 +30,7 @@ STOP, STEP = 20.0, 2e-3
 PLACES = {
     "output": "on the wire of a measured output",
     "input": "on the wire of a measured input, in front of the model",
+    "branch": "on the wire from a measured input to one of several blocks that it drives",
     "across": "on the wire of a measured output, where it reads the input as well",
     "parallel": "on the wire of a measured output, where it reads an input that acts on it through a lag or integrator",
     "drive": "on the wire that sets the output in motion (a force, a voltage)",
@@ -59,6 +60,7 @@ TITLES = {
 PLANTS = {
     "output": "tendon_sheath_asymmetric",
     **dict.fromkeys(("drive", "load", "brake", "parallel"), "motor_linear"),
+    "branch": "fig07_observer",
     "transmission": "belt_drive",
     "deflection": "flexible_joint",
 }
@@ -68,6 +70,7 @@ SPEED = {"v": "motor.v"}
 INPUTS = {
     "x_in": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad"),
     "u": MultiSine(amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(math.pi / 2, math.pi / 2), unit="V"),
+    "v": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad/s"),
     "torque": MultiSine(amplitudes=(6.0, 3.0), frequencies=(0.2, 0.5), unit="N*m"),
 }
 PLACE_IN_TRIALS = {"position_ripple": 1 / 8}
