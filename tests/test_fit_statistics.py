@@ -499,7 +499,7 @@ def test_the_state_of_bouc_wen_has_no_size_of_its_own():
     assert only.effect < 1e-9
     assert only.words == (
         "tsm.alpha_zeta and tsm.A are determined only in combination: with tsm.alpha_zeta 1 % higher and tsm.A 1 % "
-        "higher (and tsm.beta and tsm.gamma adjusted), the outputs stay the same."
+        "closer to zero (and tsm.beta and tsm.gamma adjusted), the outputs stay the same."
     )
 
 

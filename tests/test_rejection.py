@@ -144,5 +144,5 @@ def test_every_fitted_candidate_of_a_diagnosis_is_named_or_has_a_reason():
         rejection.NO_EXCESS,
         rejection.NOT_SIGNIFICANT,
         rejection.NO_BETTER,
-        "noise alone can remove as much",
+        "random noise of its spectrum is reduced as much",
     }

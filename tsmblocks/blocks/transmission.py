@@ -367,7 +367,7 @@ class ParallelResonance(Block):
     symbol = "+ mode"
 
     gain: float = parameter(default=0.0, about="share g of the oscillator in the output")
-    rate_gain: float = parameter(default=0.0, about="share h of its rate, in periods of 1/omega")
+    rate_gain: float = parameter(default=0.0, about="share h of its rate, divided by omega")
     omega: float = parameter(default=20.0, about="natural frequency", unit="rad/s", above=0.0)
     zeta: float = parameter(default=0.05, about="damping ratio", at_least=0.0)
 

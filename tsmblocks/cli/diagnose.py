@@ -77,7 +77,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     results = common.result_arguments(
         parser, "write report.html, diagnosis.json and augmented.toml into a folder", "DIR"
     )
-    details = "print noise floors, candidates, parameters, detectable sizes and a script as well"
+    details = "print noise floors, candidates, parameters, detection limits and a script as well"
     common.add(results, "--details", action="store_true", help=details)
 
 

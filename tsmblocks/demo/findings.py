@@ -113,7 +113,7 @@ def gap(story: Story) -> str:
     """The residual of the model as identified, beside the noise."""
     residual = story.fit.differences.rms
     end = (
-        "no model can do better"
+        "nothing is left to explain"
         if story.diagnosis.verdict == "none"
         else "an error of the model's structure, which more fitting cannot remove"
     )

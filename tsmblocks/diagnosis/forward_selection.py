@@ -77,7 +77,7 @@ def search_round(
         candidate = score.candidate
         gain, untenable = (model.mean_square - m.mean_square) * len(model.r), ""
         if gain <= limits[score]:
-            untenable = "noise alone can remove as much"
+            untenable = "random noise of its spectrum is reduced as much"
         elif follows_motion(m, candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
             untenable = "its frequency is that of the motion"
         elif repeats_another(m, candidate):

@@ -111,7 +111,7 @@ class Diagnosis:
         -------
         str
             Noise floors, the candidates of each round with why they were not named, parameters with intervals,
-            detectable sizes, and a script that makes the augmented diagram.
+            detection limits, and a script that makes the augmented diagram.
         """
         return view("details", self)
 

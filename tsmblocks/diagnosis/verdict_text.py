@@ -9,7 +9,7 @@ import numpy as np
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
-from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO
+from tsmblocks.diagnosis.noise_floor import MAX_FINAL_FLOOR_RATIO, MAX_FLOOR_RATIO
 from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, floor_text, main_sizes, output_traces
 from tsmblocks.diagnosis.rejection import LEAVES_MORE, NOT_ACCEPTED
 from tsmblocks.diagnosis.result import Diagnosis
@@ -211,6 +211,8 @@ def _reduction(segment: Segment) -> str:
         f"{_rms(k * gap.held_out[-1], unit)}"
     )
     floor, others = digits(k * gap.noise_floor), _other_outputs(segment, gap)
+    if gap.held_out[-1] * MAX_FINAL_FLOOR_RATIO < gap.noise_floor and not gap.given:
+        return f"{falls}, below the noise floor estimated from {gap.method}, {floor}, which is too high.{others}"
     if gap.held_out[-1] < REMAINING_ERROR_RATIO * gap.noise_floor or not gap.noise_floor > 0:
         # Else there is nothing that a share could be of; where more than noise is left, the floor does not measure it.
         above = segment.complete and gap.held_out[0] > gap.noise_floor

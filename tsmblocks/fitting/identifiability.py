@@ -261,7 +261,10 @@ class _Wording:
         for i in main:
             size = factor * step[i]
             by = f"{to_digits(size / abs(self.theta[i]))} %" if i in known else f"{to_digits(0.01 * size)}"
-            made[i] = f"{self.names[i]} {by} {'higher' if v[i] > 0 else 'lower'}"
+            up, down = (
+                ("closer to zero", "farther from zero") if i in known and self.theta[i] < 0 else ("higher", "lower")
+            )
+            made[i] = f"{self.names[i]} {by} {up if v[i] > 0 else down}"
         return made, factor
 
     def uncertain(self, i: int, value: float, half: float, beyond: bool) -> Undetermined:
