@@ -72,9 +72,9 @@ def test_a_wide_terminal_has_the_reasons_in_a_column():
 def test_variants_are_explained_once_below_the_table_in_which_they_are_first():
     later = attrs.evolve(SEEN, ranking=(*SEEN.ranking, *(attrs.evolve(r, round=2) for r in SEEN.ranking)))
     words = (
-        "Variants: parallel: a further mode, added to the output of the model; separate sizes: one size for each "
-        "recording; drive: on the signal that drives the plant; separate sizes and times: one size, at one instant, "
-        "for each recording."
+        "Variants: parallel: driven by the input and added to the output of the model; separate sizes: one size for "
+        "each recording; drive: on the signal that drives the plant; separate sizes and times: one size, at one "
+        "instant, for each recording."
     )
     with as_wide_as(100):
         first, second = (part for part in of(later).details().split("\n\n") if part.startswith("candidates, round"))

@@ -189,10 +189,24 @@ def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:
 
 
 def _branches(diagram: Diagram, output: str) -> Iterator[InsertionPoint]:
-    """The ports that an input drives where these are several: the beginnings of parallel branches."""
+    """Both ends of parallel branches: ports that an input drives, where these are several, and ports of a sum.
+
+    Of a branch that is a single block without a state the first of them is enough.
+    """
     for name, ends in diagram.inlets.items():
-        if len(ends) > 1:
-            yield from (InsertionPoint("branch", output, name, before=".".join(end)) for end in ends)
+        if len(ends) < 2:
+            continue
+        yield from (InsertionPoint("branch", output, name, before=".".join(end)) for end in ends)
+        driven = {head: {head, *_downstream(diagram, head)} for head, _ in ends}
+        for head, block in diagram.blocks.items():
+            into = [x for x in diagram.links if x.target[0] == head] if isinstance(block, Sum) else []
+            branches = [x for x in into if any(x.source[0] in those for those in driven.values())]
+            if len(branches) < 2 or _downstream(diagram, head) & {head}:
+                continue
+            for x in branches:
+                signal = ".".join(x.source)
+                if x.source[0] not in driven or integration_count(diagram, signal, before="", after=name):
+                    yield InsertionPoint("branch", output, signal, before=".".join(x.target))
 
 
 def own_insertion_point(diagram: Diagram, output: str, effect: Effect) -> InsertionPoint | None:
