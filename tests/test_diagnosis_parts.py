@@ -210,24 +210,105 @@ def test_wires_of_a_motor_whose_speed_is_measured():
     spinning = tsm.load("motor_linear").rewire(outputs={"v": "motor.v"})
     expected = [
         ("output", "v", "motor.v", "", "motor.v -> v"),
+        ("parallel", "v", "motor.v", "u", "motor.v -> v"),
         ("drive", "v", "u", "", "u -> motor.u"),
         ("brake", "v", "u", "motor.v", "u -> motor.u"),
         ("input", "v", "u", "", "u -> motor.u"),
     ]
     assert where(spinning, ["v"]) == expected
     both = spinning.rewire(outputs={"v": "motor.v", "x": "motor.y"})
-    assert [place for place, *_ in where(both, ["v", "x"])] == ["output", "drive", "output", "load", "input"]
+    assert [place for place, *_ in where(both, ["v", "x"])] == [
+        "output",
+        "parallel",
+        "drive",
+        "output",
+        "load",
+        "input",
+    ]
+
+
+CELL = Diagram(
+    title="resistance beside a lag and the charge",
+    blocks={
+        "r0": Gain(gain=0.02, unit="V"),
+        "rc": FirstOrderLag(gain=0.015, time_constant=20.0),
+        "charge": Integrator(gain=1e-4, unit="V"),
+        "sum": Sum(signs="+++"),
+        "rest": Bias(bias=3.6),
+    },
+    wires=["r0 -> sum.plus1", "rc -> sum.plus2", "charge -> sum.plus3", "sum -> rest"],
+    inputs={"i": ["r0", "rc", "charge"]},
+    outputs={"v": "rest"},
+)
+"""A cell: three parallel branches from a current to a voltage."""
+
+
+def test_wires_of_parallel_branches():
+    assert where(CELL, ["v"]) == [
+        ("output", "v", "rest.y", "", "rest.y -> v"),
+        ("across", "v", "rest.y", "i", "rest.y -> v"),
+        ("parallel", "v", "rest.y", "i", "rest.y -> v"),
+        ("input", "v", "i", "", "i -> r0.u, rc.u, charge.u"),
+        ("branch", "v", "i", "", "i -> r0.u"),
+        ("branch", "v", "i", "", "i -> rc.u"),
+        ("branch", "v", "i", "", "i -> charge.u"),
+        ("branch", "v", "rc.y", "", "rc.y -> sum.plus2"),
+        ("branch", "v", "charge.y", "", "charge.y -> sum.plus3"),
+    ]
+    looped = tsm.load("fig07_observer")  # its sum is in a loop: no branches meet there
+    assert {words for place, *_, words in where(looped, ["zeta_hat"]) if place == "branch"} == {
+        "v -> speed.u",
+        "v -> forward.u",
+    }
+
+
+def recorded_cell(seed, **changes):
+    """A recording of the cell with changes of its parameters and further blocks, by its equations."""
+    rng, step, n = np.random.default_rng(seed), 0.5, 2000
+    i = np.repeat(rng.choice([0.0, 1.0, 1.0], n // 20) * rng.uniform(-5, 5, n // 20), 20)
+    t, v = step * np.arange(n), np.empty(n)
+    charge = lag = slow = 0.0
+    for k, current in enumerate(i):
+        ohmic = 0.02 * (current + changes.get("asymmetry", 0.0) / 2 * abs(current))
+        v[k] = 3.6 + ohmic + lag + slow + charge + changes.get("curvature", 0.0) * charge**2
+        lag += (0.015 * current - lag) * -np.expm1(-step / 20.0)
+        slow += (changes.get("slow", 0.0) * current - slow) * -np.expm1(-step / 90.0)
+        charge += 1e-4 * step * current
+    v += rng.normal(0.0, 4e-4, n)
+    return tsm.Record(f"cell{seed}", t, {"i": i, "v": v}, {"i": "A", "v": "V"})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changes", "name", "wire", "parameter", "size"),
+    [
+        ({"asymmetry": 0.1}, "asymmetric_gain", "i -> r0.u", "difference", 0.1),
+        ({"slow": 0.005}, "first_order_lag", "rest.y -> v", "lag.time_constant", 90.0),
+        ({"curvature": 10.0}, "even_nonlinearity", "charge.y -> sum.plus3", "", 0.0),
+        ({}, "", "", "", 0.0),
+    ],
+    ids=["resistance by sign", "a further lag", "a curve behind the charge", "nothing"],
+)
+def test_an_effect_in_one_of_parallel_branches_is_found_there(changes, name, wire, parameter, size):
+    """All of these were effects of the input or the output, or unknown: no branch had a wire of its own."""
+    found = tsm.diagnose(CELL, [recorded_cell(seed, **changes) for seed in (1, 2, 3)])
+    assert [e.name for e in found.effects] == ([name] if name else [])
+    for effect in found.effects:
+        assert effect.wire == wire
+        if parameter:
+            estimate = effect.parameters[parameter]
+            assert estimate.low < size < estimate.high
 
 
 def test_what_is_no_speed_has_no_wire_for_friction():
     level = Diagram(blocks={"tank": Integrator()}, inputs={"flow": "tank"}, outputs={"y": "tank"})
-    assert [place for place, *_ in where(level, ["y"])] == ["output", "input"]
+    assert [place for place, *_ in where(level, ["y"])] == ["output", "parallel", "input"]
     told = {
         unit: [site.place for site in insertion_points(level, ["y"], measured={"y": unit})]
         for unit in ("rpm", "m/s", "m", "x")
     }
-    assert told["rpm"] == told["m/s"] == ["output", "drive", "brake", "input"]
-    assert told["m"] == told["x"] == ["output", "input"]
+    assert told["rpm"] == told["m/s"] == ["output", "parallel", "drive", "brake", "input"]
+    assert told["m"] == told["x"] == ["output", "parallel", "input"]
 
 
 @pytest.mark.parametrize(("unit", "rubs"), [("m", True), ("V", True), ("", True), ("Pa", False), ("degC", False)])

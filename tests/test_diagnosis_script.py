@@ -152,11 +152,11 @@ def test_pieces_that_begin_anew_are_cut_by_the_lines(tmp_path, monkeypatch):
 
 def bench(place):
     """A diagram that has a wire of this kind."""
-    if place == "brake":
+    if place in ("brake", "parallel"):
         return tsm.load("motor_linear").rewire(outputs={"v": "motor.v"})
     if place in ("drive", "load"):
         return tsm.load("motor_linear")
-    inside = {"transmission": "belt_drive", "deflection": "flexible_joint"}
+    inside = {"transmission": "belt_drive", "deflection": "flexible_joint", "branch": "fig07_observer"}
     return tsm.load(inside.get(place, "tendon_sheath_linear"))
 
 
