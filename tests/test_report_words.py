@@ -171,8 +171,8 @@ def test_the_parts_of_a_noise_floor_and_what_each_recording_shows_are_said_every
     parts = FloorParts(0.06 * DEG, 0.05 * DEG, 0.08 * DEG, 0.08 * DEG, own)
     segment = attrs.evolve(NAMED, gaps=(attrs.evolve(gap, method="stand-still", parts=parts),))
     words = (
-        "oise floor from stand-still: the noise while the mechanism stands still, 0.0600 deg rms (95 %: 0.0500 to "
-        "0.0800). The noise of the inputs adds 0.0800 deg rms to the simulated x_out: 0.100 deg rms together."
+        "oise floor 0.0600 deg rms (95 %: 0.0500 to 0.0800), from stand-still: the noise while the mechanism stands "
+        "still. The noise of the inputs adds 0.0800 deg rms to the simulated x_out: 0.100 deg rms together."
     )
     found = of(segment)
     with as_wide_as(200):

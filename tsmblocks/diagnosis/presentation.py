@@ -183,7 +183,7 @@ def floor_sentence(gap: Gap) -> str:
     if parts is None:
         return f"noise floor {floor_text(gap)}."
     own = f"{_rms(parts.value, gap.unit)} ({interval_text(parts.low, parts.high, gap.unit)})"
-    text = f"noise floor {floor_text(gap)}, {own}."
+    text = f"noise floor {own}, {floor_text(gap)}."
     if parts.from_inputs:
         text += (
             f" The noise of the inputs adds {_rms(parts.from_inputs, gap.unit)} to the simulated {gap.output}: "

@@ -267,11 +267,12 @@ def _remaining(segment: Segment, gap: Gap) -> str:
     still = f"That is still {gap.held_out[-1] / gap.noise_floor:.1f} times the noise floor"
     small = next((r for r in further if r.why_not == NOT_ACCEPTED), None)
     if small is not None:
-        form = f"form of {segment.effects[0].block}" if len(segment.effects) == 1 else "forms of the named effects"
+        one = len(segment.effects) == 1
+        form = f"a slightly wrong form of {segment.effects[0].block}" if one else "slightly wrong forms of those named"
         removed = f"{percent(small.share) or 'a part'} of the rest"
         return (
-            f"{still}. {candidate_title(small)} would remove {removed}; it is not named, since a slightly wrong {form} "
-            "may leave as much."
+            f"{still}. {candidate_title(small)} would remove {removed}; it is not named, since {form} may "
+            "leave as much."
         )
     why = f"that {_none_tried(segment)}" if further else "that was not examined further"
     share = percent(segment.predictable[1])

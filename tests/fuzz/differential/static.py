@@ -169,7 +169,7 @@ law("DeadZone", lambda b, t, x, u: n.larger(u.u - b.high, 0.0) + n.smaller(u.u -
 law("SoftSaturation", _soft_saturation)
 law("SoftDeadZone", _soft_dead_zone)
 law("Slack", _slack)
-law("AsymmetricGain", lambda b, t, x, u: u.u + b.difference / 2 * n.abs(u.u))
+law("AsymmetricGain", lambda b, t, x, u: u.u + b.difference / 2 * n.magnitude(u.u))
 law("Bend", _bend)
 law("Bow", lambda b, t, x, u: u.u + b.size * n.tanh((u.u - b.centre) / b.width))
 law("Ripple", _ripple)
