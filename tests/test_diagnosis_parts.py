@@ -65,6 +65,8 @@ from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
+SLOW_NEEDS = ["diagnosis"]
+
 STEP, SIGMA = 0.01, 0.01
 T = np.arange(0.0, 12.0, STEP)
 
