@@ -16,7 +16,7 @@ import tsmblocks as tsm
 from tests.hidden.kinds import FAMILIES
 from tests.mistakes import diagnosing
 from tests.mistakes.table import TABLE, said
-from tsmblocks.blocks import AsymmetricBoucWen, Bias, Gain
+from tsmblocks.blocks import AsymmetricBoucWen, Bias, FirstOrderLag, Gain, Sum
 from tsmblocks.common.errors import ParameterError, TsmError
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.effects import Effect, Scales, Span, Trials, catalogue, register, registered, relatives, span_of
@@ -58,8 +58,19 @@ def run(diagram, backend="llvm", parameters=None):
     return tsm.simulate(diagram, inputs={name: (T, RICH)}, stop=T[-1], step=step, hold="cubic", **more)
 
 
+BRANCHES = Diagram(
+    title="a gain beside a lag",
+    blocks={"gain": Gain(gain=0.5, unit="rad"), "lag": FirstOrderLag(time_constant=0.3), "both": Sum(signs="++")},
+    wires=["gain -> both.plus1", "lag -> both.plus2"],
+    inputs={"x_in": ["gain", "lag"]},
+    outputs={"x_out": "both"},
+)
+
+
 def plant(name):
-    """A shipped diagram, or the motor whose speed is measured."""
+    """A shipped diagram, the motor whose speed is measured, or parallel branches."""
+    if name == "branches":
+        return BRANCHES
     return tsm.load("motor_linear").rewire(outputs={"v": "motor.v"}) if name == "motor_speed" else tsm.load(name)
 
 
@@ -247,7 +258,7 @@ QUICK = pytest.mark.filterwarnings("ignore::tsmblocks.simulation.stability.StepW
     "name",
     [
         pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name
-        for name in (*SHEATHS, "motor_linear", "belt_drive", "flexible_joint", *LOOPS)
+        for name in (*SHEATHS, "motor_linear", "belt_drive", "flexible_joint", "branches", *LOOPS)
     ],
 )
 def test_at_its_null_an_effect_gives_the_diagram_back(name):
@@ -274,7 +285,7 @@ def test_every_trial_shows_and_stays_finite(name):
 
 
 def test_every_effect_finds_a_place():
-    names = ("tendon_sheath_linear", "motor_linear", "motor_speed", "belt_drive", "flexible_joint")
+    names = ("tendon_sheath_linear", "motor_linear", "motor_speed", "belt_drive", "flexible_joint", "branches")
     found = {(e.name, e.variant, e.place) for name in names for e, *_ in edits(name)}
     assert found == {(e.name, e.variant, e.place) for e in catalogue()}
 
