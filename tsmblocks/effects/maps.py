@@ -192,7 +192,7 @@ ASYMMETRIC_GAIN = Effect(
     confused=("even_nonlinearity", "dead_zone"),
     separates="slow ramps to both sides of zero",
     variant="output",
-    sizes=(in_proportion("gain for positive values less that for negative ones", "difference", "%", PERCENT),),
+    sizes=(in_proportion("gain above zero less that below", "difference", "%", PERCENT),),
 )
 SATURATION = Effect(
     "saturation",
