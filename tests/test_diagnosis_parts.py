@@ -292,7 +292,7 @@ def recorded_cell(seed, **changes):
     ids=["resistance by sign", "a further lag", "a curve behind the charge", "nothing"],
 )
 def test_an_effect_in_one_of_parallel_branches_is_found_there(changes, name, wire, parameter, size):
-    """All of these were effects of the input or the output, or unknown: no branch had a wire of its own."""
+    """Effects of a branch are named on its own wires, and not at the input or the output of the whole model."""
     found = tsm.diagnose(CELL, [recorded_cell(seed, **changes) for seed in (1, 2, 3)])
     assert [e.name for e in found.effects] == ([name] if name else [])
     for effect in found.effects:

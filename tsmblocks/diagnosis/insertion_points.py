@@ -28,6 +28,11 @@ NO_MOTIONS = {parse(unit).dimension for unit in ("Pa", "K", "degC", "A", "N", "N
 """Dimensions of signals that are no motions, so that nothing rubs, springs or ripples along them. Voltages are not
 among them: sensors of motions have them."""
 
+Entry = tuple[str, int]
+"""A signal ``y``, derivative of a state ``x``, memory ``d`` or parameter ``p`` of equations, by its position."""
+Dependencies = dict[Entry, set[Entry]]
+"""Entry -> entries on which it depends directly."""
+
 
 @attrs.frozen
 class InsertionPoint:
@@ -320,18 +325,13 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
 
     From the sparsity of the equations. Memory that is updated between steps counts as one integration.
     """
-    try:
-        eq = equations(diagram.insert(PROBE_BLOCK, Bias(), before=before, after=after))
-    except TsmError:
+    found = _probed(diagram, output, before, after)
+    if found is None:
         return -1
-    rows = _dependencies(eq)
-    signal = eq.aliases.get(output, output)
-    if signal not in eq.y:  # of a diagram that is used as a block
-        return -1
-    goal = ("y", eq.y.index(signal))
-    front = {("p", eq.p.index(f"{PROBE_BLOCK}.bias"))}
+    rows, goal, probe = found
+    front = {probe}
     known = set(front)
-    for degree in range(len(eq.x) + len(eq.d) + 1):
+    for degree in range(len(rows) + 1):
         if rows[goal] & known:
             return degree
         front = {state for state, reads in rows.items() if state[0] in "xd" and reads & known} - known
@@ -343,17 +343,31 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
 
 def _reaches_through_a_state(diagram: Diagram, output: str, name: str) -> bool:
     """Whether an input acts on the rate of a state that an output reads: a lag, or an integrator, between them."""
-    eq = equations(diagram.insert(PROBE_BLOCK, Bias(), after=name)) if diagram.inlets[name] else None
-    signal = "" if eq is None else eq.aliases.get(output, output)
-    if eq is None or signal not in eq.y:
+    found = _probed(diagram, output, "", name)
+    if found is None:
         return False
-    rows, driven = _dependencies(eq), ("p", eq.p.index(f"{PROBE_BLOCK}.bias"))
-    return any(state[0] == "x" and driven in rows[state] for state in rows["y", eq.y.index(signal)] if state in rows)
+    rows, goal, probe = found
+    return any(kind == "x" and probe in rows[kind, i] for kind, i in rows[goal])
 
 
-def _dependencies(eq: Equations) -> dict[tuple[str, int], set[tuple[str, int]]]:
+def _probed(diagram: Diagram, output: str, before: str, after: str) -> tuple[Dependencies, Entry, Entry] | None:
+    """The dependencies of a diagram with a probe on a wire, the output and the probe in them.
+
+    None where the diagram has no such wire, or no such output, as one of a diagram that is used as a block.
+    """
+    try:
+        eq = equations(diagram.insert(PROBE_BLOCK, Bias(), before=before, after=after))
+    except TsmError:
+        return None
+    signal = eq.aliases.get(output, output)
+    if signal not in eq.y:
+        return None
+    return _dependencies(eq), ("y", eq.y.index(signal)), ("p", eq.p.index(f"{PROBE_BLOCK}.bias"))
+
+
+def _dependencies(eq: Equations) -> Dependencies:
     """For each signal, derivative and memory: the parameters, states and memories it depends on directly."""
-    found: dict[tuple[str, int], set[tuple[str, int]]] = {}
+    found: Dependencies = {}
     results = [("x", eq.rhs, 0), ("y", eq.rhs, 1)] + ([("d", eq.update, 0)] if eq.update is not None else [])
     for kind, function, result in results:
         found |= {(kind, i): set() for i in range(function.size1_out(result))}

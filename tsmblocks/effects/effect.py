@@ -27,8 +27,9 @@ drives the measured output (a force, a voltage: two integrations before it, or o
 its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. ``transmission``: on an inner wire
 with a position, from one part of a transmission to the next. ``deflection``: on the difference of two positions that
 the force there moves, as that of a spring. ``parallel``: as ``across``, where the input reaches the output through a
-lag or an integrator. ``branch``: on the wire from an input to one of several blocks that it drives. An effect made for
-one diagram names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
+lag or an integrator. ``branch``: on the wire from an input to one of several blocks that it drives, or behind
+that branch, where it enters a sum. An effect made for one diagram names its wire instead, ``"pump -> tank.inflow"``; it
+is inserted in diagrams that have this port. """
 QUANTITIES = {
     parse(unit).dimension: kind
     for kind, units in {"position": ("rad", "m"), "speed": ("rad/s", "m/s")}.items()

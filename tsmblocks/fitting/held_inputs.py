@@ -42,10 +42,16 @@ def setup_held(setup: Setup, name: str) -> Setup | None:
     return attrs.evolve(setup, experiments=tuple(made))
 
 
-def residuals_held(problem: Problem, setup: Setup, theta: np.ndarray, name: str) -> np.ndarray | None:
-    """Residuals (N,) with an input held between samples; None where they are the same, or a rate of it is needed."""
+def problem_held(problem: Problem, setup: Setup, name: str) -> Problem | None:
+    """The problem with an input held between samples; None where it is the same, or a rate of the input is needed."""
     held = setup_held(setup, name)
-    return None if held is None else attrs.evolve(problem, experiments=held.experiments).residuals(theta)
+    return None if held is None else attrs.evolve(problem, experiments=held.experiments)
+
+
+def residuals_held(problem: Problem, setup: Setup, theta: np.ndarray, name: str) -> np.ndarray | None:
+    """Residuals (N,) with an input held between samples; None where ``problem_held`` is."""
+    held = problem_held(problem, setup, name)
+    return None if held is None else held.residuals(theta)
 
 
 def resolving_holds(problem: Problem, setup: Setup, name: str) -> tuple[Problem, Setup] | None:
@@ -125,7 +131,7 @@ def held_input_notes(
     theta: np.ndarray,
     r: np.ndarray,
     J: Jacobian,
-    held: np.ndarray | None,
+    bounds: np.ndarray | None,
     may_be_held: Iterable[str],
     *,
     far: bool,
@@ -138,25 +144,23 @@ def held_input_notes(
         if (finer := resolving_holds(problem, setup, name)) is not None:
             problem, setup = finer
             r = problem.residuals(theta)
-        other = residuals_held(problem, setup, theta, name)
-        one = None if other is None else alternative(J, r, other, problem.segments, held, len(setup.outputs))
+        held = problem_held(problem, setup, name)
+        other = None if held is None else held.residuals(theta)
+        one = None if other is None else alternative(J, r, other, problem.segments, bounds, len(setup.outputs))
         if one is not None and one.is_near(MAX_DISTANCE) and one.rest < square(r):
             yield (
                 f"the outputs agree with {name} held between samples, as at the output of a sampled controller, and "
                 f"not with a smooth {name}: the residual would be about {np.sqrt(one.rest / square(r)):.2g} of what it "
                 "is. Fit with hold='zero', or --hold zero."
             )
-        elif other is not None and far:
-            yield from _note_of_refit(problem, setup, theta, r, name)
+        elif held is not None and far:
+            yield from _note_of_refit(held, theta, r, name)
 
 
-def _note_of_refit(problem: Problem, setup: Setup, theta: np.ndarray, r: np.ndarray, name: str) -> Iterator[str]:
-    """A note on an input where a fit with it held leaves much less than without, from where that one ended."""
-    held = setup_held(setup, name)
-    if held is None:
-        return
+def _note_of_refit(held: Problem, theta: np.ndarray, r: np.ndarray, name: str) -> Iterator[str]:
+    """A note on an input where a fit with it ``held`` leaves much less than without, from where that one ended."""
     try:
-        end = gauss_newton(attrs.evolve(problem, experiments=held.experiments), theta, tolerance=ROUGH_TOLERANCE)
+        end = gauss_newton(held, theta, tolerance=ROUGH_TOLERANCE)
     except RunError:  # it does not run there
         return
     if 2 * end.cost < MAX_REST * square(r):

@@ -82,7 +82,7 @@ def summarise(
     simulation = simulated_as(setup, [_starts_of(problem, setup, best.theta, e) for e in range(len(diagrams))])
     diagrams = {name: diagram.with_simulation(simulation) for name, diagram in diagrams.items()}
     variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
-    first = setup.experiments[0]
+    first, far = setup.experiments[0], _is_far(setup, differences)
     return Fit(
         diagram=next(iter(diagrams.values())),
         diagrams=diagrams,
@@ -106,11 +106,11 @@ def summarise(
             *_step_notes(problem, setup, optimum),
             *scale_notes(setup, growth=min(d.fit_percent for d in differences) < POOR),
             *_data_notes(setup, differences),
-            *_held_input_notes(problem, setup, optimum, far=_is_far(setup, differences)),
+            *_held_input_notes(problem, setup, optimum, far=far),
             *_input_noise_notes(problem, setup, optimum),
             *_known_parameter_notes(setup, [item.parameter for item in unknowns.items]),
         ),
-        fixed_in_doubt=_fixed_in_doubt(problem, setup, optimum, differences),
+        fixed_in_doubt=_fixed_in_doubt(problem, setup, optimum) if far else {},
     )
 
 
@@ -198,12 +198,8 @@ def _is_far(setup: Setup, differences: Differences) -> bool:
     return any(is_far(own, output_noise(name, unit, records, inputs)[0]) for own, name, unit in material)
 
 
-def _fixed_in_doubt(
-    problem: Problem, setup: Setup, at: _Optimum, differences: Differences
-) -> dict[str, tuple[str, ...]]:
+def _fixed_in_doubt(problem: Problem, setup: Setup, at: _Optimum) -> dict[str, tuple[str, ...]]:
     """Fixed parameters that may cause a residual far above the noise, by output."""
-    if not _is_far(setup, differences):
-        return {}
     space = column_space(at.jacobian, SQUARED_EFFECT_TOLERANCE, held=at.rows)
     return fixed_in_doubt(problem, setup, at.theta, at.residuals, space)
 

@@ -30,7 +30,7 @@ STOP, STEP = 20.0, 2e-3
 PLACES = {
     "output": "on the wire of a measured output",
     "input": "on the wire of a measured input, in front of the model",
-    "branch": "on the wire from a measured input to one of several blocks that it drives",
+    "branch": "on the wire from a measured input to one of several blocks that it drives, or from there to a sum",
     "across": "on the wire of a measured output, where it reads the input as well",
     "parallel": "on the wire of a measured output, where it reads an input that acts on it through a lag or integrator",
     "drive": "on the wire that sets the output in motion (a force, a voltage)",
