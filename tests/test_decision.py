@@ -13,7 +13,6 @@ from tsmblocks.diagnosis.decision import (
     DISTINGUISHABLE_GAIN_SHARE,
     SIGNIFICANT_SHARE,
     SIMPLER_EFFECT_SHARE,
-    FittedCandidate,
     Verdict,
     _concentrated,
     _is_indistinguishable,
@@ -22,6 +21,7 @@ from tsmblocks.diagnosis.decision import (
     ridge_weights,
     shrinkage_of,
 )
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 
 PART = even(60)
 BASE = 3.0 + NOISE[0]

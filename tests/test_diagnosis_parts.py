@@ -46,7 +46,6 @@ from tsmblocks.diagnosis.decision import (
     INDISTINGUISHABLE_NOISE_SHARE,
     MIN_VARIANCE_REDUCTION,
     OUT_OF_BOUNDS_MARGIN,
-    FittedCandidate,
     _is_alone,
     decide,
     held_out_losses,
@@ -54,11 +53,13 @@ from tsmblocks.diagnosis.decision import (
     mean_loss,
     t_statistics,
 )
-from tsmblocks.diagnosis.insertion_points import driving_port, insertion_points, integration_count
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
+from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import ModelSettings, calibrate, optimized, pose_extended
 from tsmblocks.diagnosis.noise_floor import propagated_input_noise
 from tsmblocks.diagnosis.presentation import unit_of
 from tsmblocks.diagnosis.screening import screening_score
+from tsmblocks.diagnosis.signal_paths import driving_port, integration_count
 from tsmblocks.effects import Effect, Trials, catalogue, registered
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 from tsmblocks.fitting.jacobian import Jacobian
@@ -333,8 +334,19 @@ def test_wires_of_a_closed_loop():
         ("output", "x_in", "motor.y", "", "motor.y -> x_in"),  # the sensor alone
         ("drive", "x_in", "drive.y", "", "drive.y -> motor.u"),
         ("load", "x_in", "drive.y", "motor.y", "drive.y -> motor.u"),
+        ("loop", "x_in", "motor.y", "", "motor.y -> error.minus, x_in"),
+        ("loop", "x_in", "motor.y", "", "motor.y -> error.minus"),
+        ("drive", "x_in", "error.y", "", "error.y -> controller.e"),
+        ("loop", "x_in", "error.y", "", "error.y -> controller.e"),
+        ("drive", "x_in", "controller.y", "", "controller.y -> drive.u"),
+        ("loop", "x_in", "controller.y", "", "controller.y -> drive.u"),
         ("output", "x_out", "tsm.y", "", "tsm.y -> tip_error.minus, x_out"),
         ("output", "x_out", "tsm.y", "", "tsm.y -> x_out"),
+        ("loop", "x_out", "tsm.y", "", "tsm.y -> tip_error.minus"),
+        ("drive", "x_out", "tip_error.y", "", "tip_error.y -> pid.e"),
+        ("loop", "x_out", "tip_error.y", "", "tip_error.y -> pid.e"),
+        ("drive", "x_out", "pid.y", "", "pid.y -> total.plus2"),
+        ("loop", "x_out", "pid.y", "", "pid.y -> total.plus2"),
     ]
     assert ("output", "u", "drive.y", "", "drive.y -> motor.u, u") in where(
         tsm.load("fig16_feedforward_feedback"), ["u"]

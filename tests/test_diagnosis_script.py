@@ -156,7 +156,12 @@ def bench(place):
         return tsm.load("motor_linear").rewire(outputs={"v": "motor.v"})
     if place in ("drive", "load"):
         return tsm.load("motor_linear")
-    inside = {"transmission": "belt_drive", "deflection": "flexible_joint", "branch": "fig07_observer"}
+    inside = {
+        "transmission": "belt_drive",
+        "deflection": "flexible_joint",
+        "branch": "fig07_observer",
+        "loop": "fig09b_elementary",
+    }
     return tsm.load(inside.get(place, "tendon_sheath_linear"))
 
 

@@ -27,7 +27,7 @@ class Integrator(Block):
     symbol = "∫"
     symbol_with_values = "{gain:∫}"
 
-    gain: float = parameter(default=1.0, about="factor on the input")
+    gain: float = parameter(default=1.0, about="factor on the input", by_definition=1.0)
     low: float = parameter(default=-math.inf, about="smallest output", unit="?u*s", finite=False)
     high: float = parameter(default=math.inf, about="largest output", unit="?u*s", finite=False)
     reset: bool = option(default=False, about="whether there is a port that resets the integral")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, converged, nearest, optimized
 from tsmblocks.diagnosis.partition import ROUGH_ERROR

@@ -6,7 +6,8 @@ import numpy as np
 
 from tsmblocks.common.errors import RunError
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
-from tsmblocks.diagnosis.decision import FittedCandidate, Shrinkage, fitted_candidate
+from tsmblocks.diagnosis.decision import Shrinkage, fitted_candidate
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, optimized
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.fitting.step_size import halved

@@ -9,8 +9,10 @@ import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.cross_validation import TimeBlocks, held_out_residuals
+from tsmblocks.diagnosis.fitted_candidate import MAX_FINITE_NULL, FittedCandidate
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
+from tsmblocks.diagnosis.place_of_effect import at_best_place
 
 MIN_VARIANCE_REDUCTION = 0.06
 """Fall of the held-out loss [noise variances] below which no effect is named. Calibrated on tests/benchmarks/hidden.py
@@ -36,10 +38,6 @@ MAD_TO_STANDARD_DEVIATION = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution. Source: 1 / Phi^-1(3/4)."""
 MIN_EXCESS = 0.05
 """Excess of the loss over the noise [noise variances] below which no effect is named. Chosen: accuracy of a floor."""
-BOUND_TOLERANCE = 1e-3
-"""Relative distance from a bound within which a parameter is reported at it. Chosen: below any interval."""
-MAX_FINITE_NULL = 1e9
-"""Magnitude from which a null value counts as infinite (a limit that never acts), in the parameter's unit. Chosen."""
 OUT_OF_BOUNDS_MARGIN = 0.1
 """Share of what it removes by which a candidate at a disqualifying bound has to beat every other one to matter. Chosen:
 smaller differences are within the error of the linearised hold-out."""
@@ -68,62 +66,6 @@ whatever their t. Chosen: a few blocks may carry all of it, so that a t-statisti
 
 Shrinkage = Mapping[str, tuple[float, float]]
 """For each fitted parameter of effects, by full name: its null value (NaN where it has none) and a typical size."""
-
-
-@attrs.frozen(eq=False)
-class FittedCandidate:
-    """A candidate fitted together with the base, and its held-out losses [noise variances].
-
-    ``losses`` (B,) are the held-out losses by time blocks, ``experiment_losses`` (B,) those with whole experiments held
-    out; ``loss`` is the mean of ``losses`` over all samples. ``untenable`` says why it may not be named, however much
-    it removes; empty where it may.
-    """
-
-    candidate: Candidate
-    model: Model
-    losses: np.ndarray = attrs.field(repr=False)
-    experiment_losses: np.ndarray = attrs.field(repr=False)
-    loss: float
-    untenable: str = ""
-
-    @property
-    def tenable(self) -> bool:
-        """Whether it may be named."""
-        return not self.untenable
-
-    @property
-    def disqualifying_bounds(self) -> tuple[str, ...]:
-        """Parameters at a bound beyond which the effect is a different one, so that its name does not hold."""
-        effect = self.candidate.effect
-        return tuple(k for k in self.at_bounds if k in effect.within or (k in effect.below and k in self._at_bounds(1)))
-
-    @property
-    def at_bounds(self) -> tuple[str, ...]:
-        """Parameters of the effect that lie at a bound."""
-        return self._at_bounds(0, 1)
-
-    @property
-    def at_limit_of_form(self) -> bool:
-        """Whether a parameter lies at a bound beyond which the form is another one, and not just a sharp corner."""
-        return any(k not in self.candidate.effect.sharp or k in self._at_bounds(1) for k in self.at_bounds)
-
-    def _at_bounds(self, *sides: int) -> tuple[str, ...]:
-        """Parameters of the effect that lie at a lower bound (0) or at an upper one (1)."""
-        unknowns, block, names = self.model.problem.unknowns, self.candidate.block, list[str]()
-        for item, value in zip(unknowns.items, self.model.theta, strict=True):
-            if item.parameter in self.candidate.free:
-                low = abs(item.low) if abs(item.low) < MAX_FINITE_NULL else 0.0
-                tolerance = BOUND_TOLERANCE * max(low, abs(value), 1e-12)
-                away = abs(value - item.low), abs(item.high - value)
-                if min(away[side] for side in sides) <= tolerance:
-                    names.append(item.parameter.removeprefix(f"{block}."))
-        return tuple(names)
-
-    @property
-    def parameter_count(self) -> int:
-        """Parameters without initial states, which make an effect no more complex."""
-        items = self.model.problem.unknowns.items
-        return sum(not item.experiment or item.parameter in self.candidate.local for item in items)
 
 
 def held_out_losses(model: Model, blocks: TimeBlocks, shrinkage: Shrinkage) -> tuple[np.ndarray, np.ndarray]:
@@ -247,7 +189,7 @@ def decide(
         if one.tenable and one.loss >= best.loss and before - one.loss >= SIMPLER_EFFECT_SHARE * removed
     ]
     named = _simplest(min(close, key=_order_of_naming), [one for one in ranking if one.loss < most], before)
-    named = _at_output(named, close)
+    named = at_best_place(named, close)
     special_case = named not in indistinguishable  # a more general form of it with the same loss adds nothing
     others = [
         one for one in indistinguishable if one is not named and (special_case or not is_more_general(one, named))
@@ -284,30 +226,6 @@ def _simplest(named: FittedCandidate, ranking: Sequence[FittedCandidate], before
         and before - one.loss >= SIMPLER_EFFECT_SHARE * (before - named.loss)
     ]
     return special[0] if special else named
-
-
-def _at_output(named: FittedCandidate, close: Sequence[FittedCandidate]) -> FittedCandidate:
-    """The candidate, or the same effect at the measured output where that explains as much: its size has that unit.
-
-    Of two places at the output the one behind all else is taken, where only the sensor is.
-    """
-    effect, count = named.candidate.effect, named.parameter_count
-    if effect.place == "output" and _is_of_sensor(named):
-        return named
-    same = [
-        one
-        for one in close
-        if (one.candidate.effect.name, one.candidate.effect.place) == (effect.name, "output")
-        and one.parameter_count == count
-        and (effect.place != "output" or _is_of_sensor(one))
-    ]
-    return min(same, key=lambda one: (not _is_of_sensor(one), one.loss), default=named)
-
-
-def _is_of_sensor(one: FittedCandidate) -> bool:
-    """Whether a candidate is on the wire to a measured output that drives nothing else."""
-    point = one.candidate.point
-    return point.before == point.output
 
 
 def _order_of_naming(one: FittedCandidate) -> tuple[int, bool, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsmblocks.common.tables import columns, listed
-from tsmblocks.diagnosis.decision import MAX_FINITE_NULL
+from tsmblocks.diagnosis.fitted_candidate import MAX_FINITE_NULL
 from tsmblocks.diagnosis.limits import CAUSES
 from tsmblocks.diagnosis.lines import bullets, filled, of_segment
 from tsmblocks.diagnosis.plain_values import limit_quantity

@@ -24,7 +24,7 @@ def redundant_parameters(model: Model, base: Model) -> tuple[str, ...]:
     parameter of an effect that one of the base makes up for adds nothing, and has no size.
     """
     names, known = model.problem.unknowns.names, set(base.problem.unknowns.names)
-    found, null = _held_back(base, _null(base), known), _null(model)
+    found, null = _held_back(base, directions_without_effect(base), known), directions_without_effect(model)
     for k in (k for k, name in enumerate(names) if name in found):
         null = _without(null, k)
     single = [name not in known and not local for name, local in zip(names, model.is_local, strict=True)]
@@ -32,7 +32,7 @@ def redundant_parameters(model: Model, base: Model) -> tuple[str, ...]:
     return (*found, *_held_back(model, null, known))
 
 
-def _null(model: Model) -> np.ndarray:
+def directions_without_effect(model: Model) -> np.ndarray:
     """Directions without any effect on the residual of a model (n, q), in shares of the sizes of its unknowns."""
     return null_directions(model.J, unknown_sizes(model.problem, model.theta, model.J), None, None)
 

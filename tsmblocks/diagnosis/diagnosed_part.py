@@ -11,8 +11,9 @@ from tsmblocks.diagnosis.acceptance import attained_noise
 from tsmblocks.diagnosis.commands import HeldDelay
 from tsmblocks.diagnosis.credibility import parameters_in_doubt
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
-from tsmblocks.diagnosis.decision import FittedCandidate, mean_loss
+from tsmblocks.diagnosis.decision import mean_loss
 from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence, is_material
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import NoiseFloors
 from tsmblocks.diagnosis.partition import Part, experiment_of

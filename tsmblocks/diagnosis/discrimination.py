@@ -15,7 +15,8 @@ import numpy as np
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.cross_validation import projected_jacobian, without_initial_states
-from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.diagnosis.partition import PIECE_SEPARATOR, split_into_pieces
 from tsmblocks.diagnosis.presentation import in_display_units

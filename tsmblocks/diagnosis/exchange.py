@@ -10,11 +10,11 @@ from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.decision import (
     INDISTINGUISHABLE_NOISE_SHARE,
     MIN_VARIANCE_REDUCTION,
-    FittedCandidate,
     Shrinkage,
     is_more_general,
     mean_loss,
 )
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.forward_selection import MAX_EFFECTS, forward_search, next_base, search_round
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound

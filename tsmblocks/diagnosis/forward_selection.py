@@ -11,7 +11,6 @@ from tsmblocks.diagnosis.candidate_fits import at_sufficient_step
 from tsmblocks.diagnosis.commands import OtherCommands
 from tsmblocks.diagnosis.critical_gains import critical_gains, critical_ratios
 from tsmblocks.diagnosis.decision import (
-    FittedCandidate,
     Shrinkage,
     Verdict,
     decide,
@@ -22,6 +21,7 @@ from tsmblocks.diagnosis.decision import (
     shrinkage_of,
 )
 from tsmblocks.diagnosis.evidence import evidence
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.general_forms import generalized
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, converged, nearest, with_accurate_step, with_sufficient_step

@@ -7,19 +7,22 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 import attrs
 
 from tsmblocks.blocks import Bias, Sum
-from tsmblocks.common.errors import TsmError
 from tsmblocks.common.units import Dimension, UnitError, parse
+from tsmblocks.diagnosis.control_loops import control_loops, has_reference, in_front, is_elastic
+from tsmblocks.diagnosis.signal_paths import (
+    FORCE_TO_POSITION,
+    blocks_behind,
+    driving_port,
+    integration_count,
+    reaches_through_a_state,
+    source_of,
+    upstream_ports,
+)
 from tsmblocks.effects import Effect
-from tsmblocks.engine.equations import Equations
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import Fault, resolve
-from tsmblocks.simulation.compiled import equations
 
-PROBE_BLOCK = "probe_of_the_wire"
-"""Name of the block by which the integrations behind a wire are counted."""
-FORCE_TO_POSITION = 2
-"""Integrations from a force to the position at least; to the speed one less. Source: Newton's second law."""
 SPEED_DIMENSIONS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
 """Dimensions of outputs that are speeds."""
 POSITION_DIMENSIONS = {parse(unit).dimension for unit in ("rad", "m")}
@@ -28,17 +31,13 @@ NO_MOTIONS = {parse(unit).dimension for unit in ("Pa", "K", "degC", "A", "N", "N
 """Dimensions of signals that are no motions, so that nothing rubs, springs or ripples along them. Voltages are not
 among them: sensors of motions have them."""
 
-Entry = tuple[str, int]
-"""A signal ``y``, derivative of a state ``x``, memory ``d`` or parameter ``p`` of equations, by its position."""
-Dependencies = dict[Entry, set[Entry]]
-"""Entry -> entries on which it depends directly."""
-
 
 @attrs.frozen
 class InsertionPoint:
     """A wire on which a block may be inserted.
 
-    ``before`` is the port, ``after`` the signal or input of the diagram that is cut (one of both is empty).
+    ``before`` is the port, or ports with commas, ``after`` the signal or input of the diagram that is cut (one of both
+    is empty).
     ``signal`` names the signal of the wire, ``other`` a second signal or input that a block there may read, and
     ``output`` the measured output it leads to.
     """
@@ -84,7 +83,7 @@ class InsertionPoint:
 
     def is_in(self, diagram: Diagram) -> bool:
         """Whether it is on a wire of a diagram, and not beside a block that this one does not have."""
-        ends = [end.rpartition(".")[0] for end in (self.signal, self.before) if "." in end]
+        ends = [end.rpartition(".")[0] for end in (self.signal, *self.before.split(", ")) if "." in end]
         return all(block.partition(".")[0] in diagram.blocks for block in ends)
 
     def words(self, diagram: Diagram) -> str:
@@ -137,6 +136,7 @@ def insertion_points(
             found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
             if moved != source or not is_no_motion(unit):
                 found.append(InsertionPoint("load", name, source_of(diagram, port), other=moved, before=port))
+        found += _in_the_control_loop(diagram, name, source, named)
         found += _inside_the_transmission(diagram, name, source)
     loads = {point.before for point in found if point.place == "load"}
     found = [point for point in found if point.place != "brake" or point.before not in loads]
@@ -166,22 +166,25 @@ def _at_the_output(diagram: Diagram, name: str, source: str, named: Collection[s
             yield InsertionPoint("across", name, source, other=read, after=source)
             if port:
                 yield InsertionPoint("across", name, signal, other=read, before=port)
-        if _reaches_through_a_state(diagram, name, k):
+        if reaches_through_a_state(diagram, name, k):
             yield InsertionPoint("parallel", name, source, other=read, after=source)
 
 
-def in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:
-    """The signal in front of the chain of named blocks up to ``source``, and the port it drives.
+def _in_the_control_loop(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
+    """Wires of the loops in which a measured output is fed back.
 
-    The wires between them are left out: they would double the run time for nearly the same candidates.
+    Its sensor alone, where the output acts on other blocks as well; what is fed back alone; and the wires from the
+    control error to the command.
     """
-    port = ""
-    while (head := source.partition(".")[0]) in named:
-        before = source_of(diagram, f"{head}.u")
-        if before in diagram.inputs:
-            break
-        source, port = before, f"{head}.u"
-    return source, port
+    for loop in control_loops(diagram, in_front(diagram, source, named)[0], named):
+        fed_back = source_of(diagram, loop.fed_back)
+        receivers = {".".join(x.target) for x in diagram.links if ".".join(x.source) == fed_back}
+        if fed_back == source and receivers != {loop.fed_back}:
+            yield InsertionPoint("loop", name, source, before=f"{loop.fed_back}, {name}")
+        yield InsertionPoint("loop", name, fed_back, before=loop.fed_back)
+        for port in loop.commands:
+            yield InsertionPoint("drive", name, source_of(diagram, port), before=port)
+            yield InsertionPoint("loop", name, source_of(diagram, port), before=port)
 
 
 def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:
@@ -202,11 +205,11 @@ def _branches(diagram: Diagram, output: str) -> Iterator[InsertionPoint]:
         if len(ends) < 2:
             continue
         yield from (InsertionPoint("branch", output, name, before=".".join(end)) for end in ends)
-        driven = {head: {head, *_downstream(diagram, head)} for head, _ in ends}
+        driven = {head: {head, *blocks_behind(diagram, head)} for head, _ in ends}
         for head, block in diagram.blocks.items():
             into = [x for x in diagram.links if x.target[0] == head] if isinstance(block, Sum) else []
             branches = [x for x in into if any(x.source[0] in those for those in driven.values())]
-            if len(branches) < 2 or _downstream(diagram, head) & {head}:
+            if len(branches) < 2 or blocks_behind(diagram, head) & {head}:
                 continue
             for x in branches:
                 signal = ".".join(x.source)
@@ -224,14 +227,6 @@ def own_insertion_point(diagram: Diagram, output: str, effect: Effect) -> Insert
     except Fault:
         return None
     return InsertionPoint(effect.place, output, source_of(diagram, port), reads, before=port, adds=effect.adds)
-
-
-def source_of(diagram: Diagram, port: str) -> str:
-    """The signal, or input of the diagram, that drives a port (``block.port``)."""
-    link = next((x for x in diagram.links if ".".join(x.target) == port), None)
-    if link is not None:
-        return ".".join(link.source)
-    return next(k for k, ends in diagram.inlets.items() if port in {".".join(e) for e in ends})
 
 
 def is_speed(unit: str) -> bool:
@@ -252,28 +247,12 @@ def _is_one_of(unit: str, dimensions: Collection[Dimension]) -> bool:
         return False
 
 
-def driving_port(diagram: Diagram, output: str, least: int = FORCE_TO_POSITION) -> str:
-    """The nearest port that moves an output through ``least`` integrations or more; ``""`` where there is none."""
-    ports = _upstream(diagram, diagram.shown[output][0])
-    return next((k for k in ports if integration_count(diagram, output, before=k, after="") >= least), "")
-
-
-def _upstream(diagram: Diagram, block: str) -> Iterator[str]:
-    """Driven ports, from those of ``block`` on against the direction of the wires, nearest first."""
-    todo = [block]
-    for name in todo:  # grows while it is read
-        into = [x for x in diagram.links if x.target[0] == name]
-        yield from (".".join(x.target) for x in into)
-        yield from (".".join(e) for ends in diagram.inlets.values() for e in ends if e[0] == name)
-        todo += [head for head in dict.fromkeys(x.source[0] for x in into) if head not in todo]
-
-
 def _inner_drives(diagram: Diagram, output: str, nearest: str) -> Iterator[tuple[str, str]]:
     """Ports farther from an output than the ``nearest`` drive that move a signal of their own block as a force does.
 
     With that signal: the motor in front of an elastic shaft has friction, and a load, of its own.
     """
-    ports = list(_upstream(diagram, diagram.shown[output][0]))
+    ports = list(upstream_ports(diagram, diagram.shown[output][0]))
     for port in ports[ports.index(nearest) + 1 :] if nearest in ports else ():
         head = port.partition(".")[0]
         for moved in dict.fromkeys(".".join(x.source) for x in diagram.links if x.source[0] == head):
@@ -288,11 +267,11 @@ def _inside_the_transmission(diagram: Diagram, output: str, source: str) -> Iter
     it is the difference of two positions of which one depends on it, and the other does so too or is an input: the
     deflection of an elastic part (``"deflection"``).
     """
-    for port in _upstream(diagram, diagram.shown[output][0]):
+    for port in upstream_ports(diagram, diagram.shown[output][0]):
         signal = source_of(diagram, port)
         if signal in diagram.inputs or signal == source or not _is_one_of(diagram.unit(signal), POSITION_DIMENSIONS):
             continue
-        head, driven = signal.partition(".")[0], _downstream(diagram, port.partition(".")[0])
+        head, driven = signal.partition(".")[0], blocks_behind(diagram, port.partition(".")[0])
         if head not in driven:
             before = [integration_count(diagram, signal, before="", after=k) for k in diagram.inputs]
             dynamic = max(before, default=0) > 0 and 0 not in before
@@ -303,75 +282,12 @@ def _inside_the_transmission(diagram: Diagram, output: str, source: str) -> Iter
 
 
 def _is_deflection(diagram: Diagram, difference: str, port: str) -> bool:
-    """Whether the block ``difference`` takes a signal that a force at ``port`` moves from another, or from an input."""
+    """Whether the block ``difference`` takes a signal that a force at ``port`` moves from another, or from an input.
+
+    A difference from an input that becomes a command, and no force, is a control error.
+    """
     ends = [".".join(x.source) for x in diagram.links if x.target[0] == difference]
     inputs = sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)
     moved = (integration_count(diagram, end, before=port, after="") >= FORCE_TO_POSITION for end in ends)
-    return isinstance(diagram.blocks[difference], Sum) and len(ends) > 0 and len(ends) + inputs > 1 and all(moved)
-
-
-def _downstream(diagram: Diagram, block: str) -> set[str]:
-    """The blocks that depend on a block, with that one where it depends on itself."""
-    todo, found = [block], set[str]()
-    for name in todo:  # grows while it is read
-        after = {x.target[0] for x in diagram.links if x.source[0] == name} - found
-        found |= after
-        todo += after
-    return found
-
-
-def integration_count(diagram: Diagram, output: str, *, before: str, after: str) -> int:
-    """Integrations between a wire and an output, or a signal: 0 for direct feedthrough, -1 where it does not reach it.
-
-    From the sparsity of the equations. Memory that is updated between steps counts as one integration.
-    """
-    found = _probed(diagram, output, before, after)
-    if found is None:
-        return -1
-    rows, goal, probe = found
-    front = {probe}
-    known = set(front)
-    for degree in range(len(rows) + 1):
-        if rows[goal] & known:
-            return degree
-        front = {state for state, reads in rows.items() if state[0] in "xd" and reads & known} - known
-        if not front:
-            return -1
-        known |= front
-    return -1
-
-
-def _reaches_through_a_state(diagram: Diagram, output: str, name: str) -> bool:
-    """Whether an input acts on the rate of a state that an output reads: a lag, or an integrator, between them."""
-    found = _probed(diagram, output, "", name)
-    if found is None:
-        return False
-    rows, goal, probe = found
-    return any(kind == "x" and probe in rows[kind, i] for kind, i in rows[goal])
-
-
-def _probed(diagram: Diagram, output: str, before: str, after: str) -> tuple[Dependencies, Entry, Entry] | None:
-    """The dependencies of a diagram with a probe on a wire, the output and the probe in them.
-
-    None where the diagram has no such wire, or no such output, as one of a diagram that is used as a block.
-    """
-    try:
-        eq = equations(diagram.insert(PROBE_BLOCK, Bias(), before=before, after=after))
-    except TsmError:
-        return None
-    signal = eq.aliases.get(output, output)
-    if signal not in eq.y:
-        return None
-    return _dependencies(eq), ("y", eq.y.index(signal)), ("p", eq.p.index(f"{PROBE_BLOCK}.bias"))
-
-
-def _dependencies(eq: Equations) -> Dependencies:
-    """For each signal, derivative and memory: the parameters, states and memories it depends on directly."""
-    found: Dependencies = {}
-    results = [("x", eq.rhs, 0), ("y", eq.rhs, 1)] + ([("d", eq.update, 0)] if eq.update is not None else [])
-    for kind, function, result in results:
-        found |= {(kind, i): set() for i in range(function.size1_out(result))}
-        for name, argument in (("x", 1), ("d", 2), ("p", 5)):
-            for i, k in zip(*function.jac_sparsity(result, argument).get_triplet(), strict=True):
-                found[kind, i].add((name, k))
-    return found
+    elastic = is_elastic(diagram, difference) or not has_reference(diagram, difference)
+    return isinstance(diagram.blocks[difference], Sum) and len(ends) + inputs > 1 and all(moved) and elastic

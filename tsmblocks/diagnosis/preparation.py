@@ -23,7 +23,7 @@ from tsmblocks.diagnosis.commands import (
     confirmed,
     found_commands,
 )
-from tsmblocks.diagnosis.decision import FittedCandidate
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, fast_noise_of_residuals, lowered_noise_floors, noise_floors

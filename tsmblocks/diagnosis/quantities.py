@@ -12,8 +12,8 @@ import numpy as np
 from tsmblocks.blocks import Gain
 from tsmblocks.common.units import display_unit, displayed_in, is_unit, parse, times
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
+from tsmblocks.diagnosis.control_loops import in_front
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
-from tsmblocks.diagnosis.insertion_points import in_front
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.presentation import with_interval

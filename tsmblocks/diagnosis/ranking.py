@@ -7,8 +7,9 @@ from collections.abc import Collection
 import attrs
 
 from tsmblocks.diagnosis.candidates import Candidate
-from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, FittedCandidate, mean_loss
+from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.quantities import displayed_unit, recorded_units
 from tsmblocks.diagnosis.rejection import INDISTINGUISHABLE, MORE_GENERAL, WORSE_BESIDE_OTHERS, alternatives_to, why_not
 from tsmblocks.diagnosis.search_rounds import SearchRound

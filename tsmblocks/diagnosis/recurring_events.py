@@ -8,10 +8,11 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.acceptance import accepted_count, attained_noise
-from tsmblocks.diagnosis.decision import FittedCandidate, mean_loss
+from tsmblocks.diagnosis.decision import mean_loss
 from tsmblocks.diagnosis.diagnosed_part import Omission
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.exchange import rounds_for
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.forward_selection import closing_round
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.quantities import Estimate

@@ -12,12 +12,12 @@ from tsmblocks.diagnosis.decision import (
     INDISTINGUISHABLE_NOISE_SHARE,
     MIN_EXCESS,
     MIN_VARIANCE_REDUCTION,
-    FittedCandidate,
     is_more_general,
     mean_loss,
     noise_beside,
 )
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.search_rounds import SearchRound
 
 INDISTINGUISHABLE = "indistinguishable"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from tsmblocks.diagnosis.candidate_fits import known_starts
-from tsmblocks.diagnosis.decision import FittedCandidate
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, optimized
 from tsmblocks.diagnosis.screened_candidates import screened_candidates, various

@@ -9,7 +9,8 @@ import numpy as np
 
 from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
 from tsmblocks.diagnosis.critical_gains import is_of_time
-from tsmblocks.diagnosis.decision import FittedCandidate, Shrinkage
+from tsmblocks.diagnosis.decision import Shrinkage
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.replacements import replacement_points

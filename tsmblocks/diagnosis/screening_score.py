@@ -8,7 +8,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
-from tsmblocks.diagnosis.decision import MAX_FINITE_NULL
+from tsmblocks.diagnosis.fitted_candidate import MAX_FINITE_NULL
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 

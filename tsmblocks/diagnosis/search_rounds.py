@@ -9,7 +9,8 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
-from tsmblocks.diagnosis.decision import FittedCandidate, Verdict
+from tsmblocks.diagnosis.decision import Verdict
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
 from tsmblocks.diagnosis.screening_score import ScreeningScore

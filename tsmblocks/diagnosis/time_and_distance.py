@@ -13,7 +13,8 @@ import numpy as np
 
 from tsmblocks.data import Record
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
-from tsmblocks.diagnosis.decision import SIMPLER_EFFECT_SHARE, FittedCandidate, Verdict, mean_loss
+from tsmblocks.diagnosis.decision import SIMPLER_EFFECT_SHARE, Verdict, mean_loss
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.presentation import digits
 
 TIME_LIKE = frozenset({"dead_time", "first_order_lag", "rate_dependence"})

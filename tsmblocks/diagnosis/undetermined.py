@@ -8,10 +8,11 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.acceptance import accepted_count
-from tsmblocks.diagnosis.decision import FittedCandidate, Shrinkage, held_out_losses, mean_loss, shrinkage_of
+from tsmblocks.diagnosis.decision import Shrinkage, held_out_losses, mean_loss, shrinkage_of
 from tsmblocks.diagnosis.determined import is_determined
 from tsmblocks.diagnosis.diagnosed_part import Omission
 from tsmblocks.diagnosis.exchange import rounds_for
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.forward_selection import MAX_EFFECTS, closing_round, forward_search
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.quantities import Estimate

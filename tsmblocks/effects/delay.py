@@ -7,7 +7,7 @@ import math
 import attrs
 
 from tsmblocks.blocks import DeadTime, FirstOrderLag, Gain, Lag, ParallelResonance, RateDependence, Resonance, Sum
-from tsmblocks.effects.effect import Effect, across, in_front
+from tsmblocks.effects.effect import Effect, across, in_front, on_loop
 from tsmblocks.effects.sizes import MILLISECONDS, PERCENT, Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.model.diagram import Diagram
@@ -197,8 +197,10 @@ EFFECTS = (
     DEAD_TIME,
     # Behind a linear model the same but for the start: there it repeats its first value, here the first command.
     in_front(DEAD_TIME, "a dead time in front of the model"),
+    on_loop(DEAD_TIME),
     LAG,
     in_front(LAG, "a first-order lag in front of the model"),
+    on_loop(LAG),
     attrs.evolve(
         LAG,
         words="two first-order lags in a row",

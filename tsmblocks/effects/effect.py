@@ -18,7 +18,19 @@ from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import not_a_block
 
-PLACES = ("output", "input", "drive", "across", "load", "brake", "transmission", "deflection", "parallel", "branch")
+PLACES = (
+    "output",
+    "input",
+    "drive",
+    "across",
+    "load",
+    "brake",
+    "transmission",
+    "deflection",
+    "parallel",
+    "branch",
+    "loop",
+)
 """Where an effect may be inserted.
 
 ``output``: on the wire of a measured output. ``input``: on the wire of a measured input. ``drive``: on the wire that
@@ -28,7 +40,8 @@ its unit. ``across``: on the wire of an output, and its input ``x`` reads the in
 with a position, from one part of a transmission to the next. ``deflection``: on the difference of two positions that
 the force there moves, as that of a spring. ``parallel``: as ``across``, where the input reaches the output through a
 lag or an integrator. ``branch``: on the wire from an input to one of several blocks that it drives, or behind
-that branch, where it enters a sum. An effect made for one diagram names its wire instead, ``"pump -> tank.inflow"``; it
+that branch, where it enters a sum. ``loop``: on a wire of a control loop: the control error, the command, or what is
+fed back. An effect made for one diagram names its wire instead, ``"pump -> tank.inflow"``; it
 is inserted in diagrams that have this port. """
 QUANTITIES = {
     parse(unit).dimension: kind
@@ -201,6 +214,12 @@ def on_branch(effect: Effect) -> Effect:
     """The variant of an effect that acts in one of several branches that an input drives."""
     variant = ", ".join(filter(None, ("branch", effect.variant.removeprefix("output"))))
     return attrs.evolve(effect, place="branch", variant=variant)
+
+
+def on_loop(effect: Effect) -> Effect:
+    """The variant of an effect that acts inside a control loop."""
+    words = f"{effect.words} inside the control loop"
+    return attrs.evolve(effect, words=words, place="loop", variant="loop", other_words={})
 
 
 def separate(effect: Effect, instant: str = "", words: str = "") -> Effect:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch, StribeckStretch
-from tsmblocks.effects.effect import Effect, across, in_front, on_branch, on_input
+from tsmblocks.effects.effect import Effect, across, in_front, on_branch, on_input, on_loop
 from tsmblocks.effects.sizes import Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 
@@ -178,9 +178,11 @@ STRIBECK = Effect(
 EFFECTS = (
     BACKLASH,
     in_front(BACKLASH, "a backlash gap in front of the model"),
+    on_loop(BACKLASH),
     HYSTERESIS,
     in_front(HYSTERESIS, "hysteresis in front of the model"),
     on_branch(HYSTERESIS),
+    on_loop(HYSTERESIS),
     STRIBECK,
     in_front(STRIBECK, "hysteresis that narrows with the speed, in front of the model"),
     ASYMMETRY,

@@ -26,7 +26,8 @@ MARGIN = 1e-9
 def declarations(diagram: Diagram, prefix: str = "") -> Iterator[tuple[str, Field, str]]:
     """Every single number of a diagram: its full name, its declaration, and the shared number it refers to.
 
-    What belongs to a term that is switched off, as the derivative filter of a PI controller, counts as known.
+    What belongs to a term that is switched off, as the derivative filter of a PI controller, counts as known, and so
+    does what is a definition: the gain of 1 from a speed to the position.
     """
     for name, block in diagram.blocks.items():
         if isinstance(block, Diagram):
@@ -35,7 +36,8 @@ def declarations(diagram: Diagram, prefix: str = "") -> Iterator[tuple[str, Fiel
         fields, given = block.fields(), block.parameters
         for key, value in given.items():
             field = fields[key]
-            if field.factor and given[field.factor] == 0:
+            off = bool(field.factor) and given[field.factor] == 0
+            if off or (value == field.by_definition is not None and diagram.unit(f"{name}.u")):
                 field = attrs.evolve(field, known=True)
             for leaf, number in leaves(value, f"{prefix}{name}.{key}"):
                 yield leaf, field, prefix + number[1:] if is_reference(number) else ""
@@ -56,9 +58,9 @@ def numbers(diagram: Diagram) -> dict[str, list[Field]]:
 def chosen(diagram: Diagram, patterns: Iterable[str] | None, what: str = "free") -> list[str]:
     """Parameters named by patterns (``tsm.*``, ``offset.bias``), in the diagram's order.
 
-    Without patterns: all but initial states, parameters that are ``known`` by declaration, and those of terms that are
-    switched off. Raises ParameterError
-    for a pattern that matches nothing.
+    Without patterns: all but initial states, parameters that are ``known`` by declaration, those of terms that are
+    switched off, and those that are what they are by definition. Raises ParameterError for a pattern that matches
+    nothing.
     """
     known = numbers(diagram)
     endless = {name for name, value in diagram.parameters.items() if not math.isfinite(value)}  # limits that never act

@@ -321,7 +321,7 @@ def _known_parameter_notes(setup: Setup, free: list[str]) -> list[str]:
         f"{name} is usually known. A search finds such a parameter only from a start nearby, and its interval holds "
         "only around the value found: compare the residual with that for the value on the data sheet."
         for name in dict.fromkeys(free)
-        if any(f.known and not f.factor for f in fields[name])
+        if any(f.known and not f.factor and f.by_definition is None for f in fields[name])
     ]
 
 

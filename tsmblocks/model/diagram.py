@@ -248,7 +248,8 @@ class Diagram:
             Signal that the block is put on (``"motor"``, ``"motor.y"``, an input): it then drives all its receivers,
             outputs of the diagram included.
         before : str, default ""
-            Receiver that the block is put in front of (``"tsm.x"``, an output), where ``after`` is not given.
+            Receiver that the block is put in front of (``"tsm.x"``, an output), where ``after`` is not given; or
+            several that one signal drives, with commas (``"error.minus, x"``).
         wires : iterable of str, default ()
             Chains to other ports of the block, from inputs of the diagram too.
 

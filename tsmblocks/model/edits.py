@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import attrs
 
 from tsmblocks.common.errors import DiagramError, near, several
+from tsmblocks.common.tables import listed
 from tsmblocks.model.block import Block
 from tsmblocks.model.validation import name_faults, wires_fault
 from tsmblocks.model.wires import Fault, Link, end_text, fault_sentence, inlet_links, not_a_block, parse_chain, resolve
@@ -112,9 +113,14 @@ def insert(diagram: Diagram, name: str, block: Any, after: str, before: str, wir
         links = [attrs.evolve(x, source=leave) if x.source == source else x for x in links]
         links.append(Link(source, enter))
     else:
-        target = _end(diagram, "before", before)
-        links = [attrs.evolve(x, target=enter) if x.target == target else x for x in links]
-        links.append(Link(leave, target))
+        targets = [_end(diagram, "before", end.strip()) for end in before.split(",")]
+        sources = {end_text(x.source) for x in links if x.target in targets}
+        if len(sources) > 1:
+            driving = listed(sorted(sources))
+            raise _fail(diagram, f"before='{before}': these ports are on several wires, from {driving}.")
+        cut = [x for x in links if x.target in targets]
+        links = [attrs.evolve(x, target=enter) if x in cut[:1] else x for x in links if x not in cut[1:]]
+        links += [Link(leave, target) for target in targets]
     return _with_links(diagram, links, {**diagram.blocks, name: block}, wires)
 
 

@@ -164,6 +164,7 @@ class Field:
     opposite: str = ""
     acts_at: str = ""
     factor: str = ""
+    by_definition: float | None = None
 
     @property
     def low(self) -> float:
@@ -215,6 +216,7 @@ def parameter(
     opposite: str = "",
     acts_at: str = "",
     factor: str = "",
+    by_definition: float | None = None,
 ) -> Any:
     """Declare a parameter: a number or a tuple that stays a symbol until the run, to be swept, fitted, differentiated.
 
@@ -247,6 +249,9 @@ def parameter(
     factor : str, default ""
         The parameter (itself or another) that is the factor of its term, as ``kd`` is for the derivative filter of a
         PID controller: where that is zero, the term is absent, and a fit keeps the parameter unless it is named.
+    by_definition : float, optional
+        The value that a factor on the input has by definition where the units of the signals are known, such as 1 for
+        the integral of a speed, which is the position: a fit keeps it unless it is named.
 
     Returns
     -------
@@ -260,7 +265,8 @@ def parameter(
         gain: float = tsm.parameter(default=2.0, about="gain", unit="N*m/rad", above=0.0)
     """
     spec = Field("parameter", about, unit, above, below, at_least, at_most, finite, known=known, initial=initial)
-    return _field(default, attrs.evolve(spec, omitted=omitted, opposite=opposite, acts_at=acts_at, factor=factor))
+    spec = attrs.evolve(spec, omitted=omitted, opposite=opposite, acts_at=acts_at)
+    return _field(default, attrs.evolve(spec, factor=factor, by_definition=by_definition))
 
 
 def option(

@@ -18,6 +18,7 @@ from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.diagnosis.variants import VARIANT_WORDS, parts_of
 from tsmblocks.effects import Effect, Scales, Trials, span_of
 from tsmblocks.html import block_facts
+from tsmblocks.model.arguments import Inlet
 from tsmblocks.model.block import Block, leaves
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.plots.panels import shown
@@ -30,6 +31,7 @@ STOP, STEP = 20.0, 2e-3
 PLACES = {
     "output": "on the wire of a measured output",
     "input": "on the wire of a measured input, in front of the model",
+    "loop": "inside a control loop: on the control error, on the command, or on what is fed back",
     "branch": "on the wire from a measured input to one of several blocks that it drives, or from there to a sum",
     "across": "on the wire of a measured output, where it reads the input as well",
     "parallel": "on the wire of a measured output, where it reads an input that acts on it through a lag or integrator",
@@ -61,12 +63,15 @@ PLANTS = {
     "output": "tendon_sheath_asymmetric",
     **dict.fromkeys(("drive", "load", "brake", "parallel"), "motor_linear"),
     "branch": "fig07_observer",
+    "loop": "fig09a_without_feedforward",
     "transmission": "belt_drive",
     "deflection": "flexible_joint",
 }
 """Shipped diagrams into which the pages insert effects, by place: those on signals where no other is given."""
 SPEED = {"v": "motor.v"}
 """The measured output of the motor where that is a speed."""
+REFERENCE = "ref"
+"""The source of the reference of a control loop, in whose place there is a measured input."""
 INPUTS = {
     "x_in": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad"),
     "u": MultiSine(amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(math.pi / 2, math.pi / 2), unit="V"),
@@ -258,7 +263,10 @@ def placed(effect: Effect) -> Placed:
     """An effect on its wire in a shipped diagram. Raises TsmError where there is no such wire."""
     plant = PLANTS.get(effect.place, PLANTS["output"])
     base = uses.shipped()[plant]
-    base = base.rewire(outputs=SPEED) if effect.place in ("brake", "parallel") else base
+    if effect.place in ("brake", "parallel"):
+        base = base.rewire(outputs=SPEED)
+    elif effect.place == "loop":
+        base = _with_measured_reference(base)
     site = next((s for s in _sites(base) if s.place == effect.place), None)
     if site is None:
         raise TsmError(f"there is no place '{effect.place}' in the diagram {plant}.")
@@ -271,6 +279,14 @@ def placed(effect: Effect) -> Placed:
     made = site.put(base, name, effect.block)
     made = made.with_parameters({f"{name}.{k}": v for k, v in {**trials.fixed, **sizes}.items()})
     return Placed(name, plant, base, site, trials, sizes, made)
+
+
+def _with_measured_reference(loop: Diagram) -> Diagram:
+    """A control loop with an input in the place of the source of its reference, and the output that it controls."""
+    ends = [".".join(x.target) for x in loop.links if x.source[0] == REFERENCE]
+    blocks = {name: block for name, block in loop.blocks.items() if name != REFERENCE}
+    cut = [f"{REFERENCE}.y -> {end}" for end in ends]
+    return loop.rewire(cut=cut, blocks=blocks, inputs={"x_in": Inlet(ends, unit="rad")}, outputs={"x": "motor.y"})
 
 
 @functools.cache

@@ -1,0 +1,154 @@
+"""Effects inside a control loop that is in the diagram: on the control error, the command, and what is fed back."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import tsmblocks as tsm
+from tsmblocks.blocks import DeadTime, FirstOrderLag, Gain, Integrator, Sum, ViscousFriction
+from tsmblocks.common.errors import DiagramError
+from tsmblocks.diagnosis.control_loops import control_loops
+from tsmblocks.diagnosis.insertion_points import insertion_points
+from tsmblocks.model.arguments import Inlet
+from tsmblocks.model.diagram import Diagram
+
+SLOW_NEEDS = ["diagnosis"]
+LOOP = Diagram(
+    title="a carriage on a spring in a position loop",
+    blocks={
+        "error": Sum(signs="+-"),
+        "controller": Gain(gain=200.0, unit="V"),
+        "amplifier": FirstOrderLag(gain=0.9, time_constant=0.015),
+        "motor": Gain(gain=2.0, unit="N"),
+        "force": Sum(signs="+--"),
+        "mass": Gain(gain=0.5, unit="m/s^2"),
+        "speed": Integrator(),
+        "position": Integrator(),
+        "damper": ViscousFriction(coefficient=22.0),
+        "spring": Gain(gain=90.0, unit="N"),
+    },
+    wires=[
+        "error -> controller -> amplifier -> motor -> force.plus -> mass -> speed -> position -> error.minus",
+        "speed -> damper -> force.minus1",
+        "position -> spring -> force.minus2",
+    ],
+    inputs={"ref": Inlet("error.plus", unit="m")},
+    outputs={"x": "position"},
+)
+
+
+def places(diagram, place):
+    return [point.words(diagram) for point in insertion_points(diagram, list(diagram.outputs)) if point.place == place]
+
+
+# ---- the wires
+
+
+def test_wires_of_a_control_loop():
+    assert places(LOOP, "loop") == [
+        "position.y -> error.minus, x",  # the sensor, which the spring does not see
+        "position.y -> error.minus",
+        "error.y -> controller.u",
+        "controller.y -> amplifier.u",
+    ]
+    assert places(LOOP, "drive") == ["mass.y -> speed.u", "error.y -> controller.u", "controller.y -> amplifier.u"]
+
+
+def test_a_control_error_is_no_deflection():
+    """What a spring makes of a difference is a force; a controller makes a command of it."""
+    straight = LOOP.rewire(
+        cut=["controller.y -> amplifier.u", "amplifier.y -> motor.u"],
+        blocks={k: b for k, b in LOOP.blocks.items() if k != "amplifier"},
+        add=["controller -> motor"],
+    )
+    assert places(straight, "deflection") == []
+    assert places(straight, "loop")
+    sprung = straight.replace("controller", Gain(gain=200.0, unit="N")).replace("motor", Gain(gain=1.0))
+    assert places(sprung, "deflection") == ["error.y -> controller.u"]
+    assert places(sprung, "loop") == []
+
+
+def test_an_inner_loop_takes_its_reference_from_the_outer_one():
+    found = {one.error: one for one in control_loops(tsm.load("fig16_feedforward_feedback"), "motor.y", ())}
+    assert list(found) == ["error"]
+    assert found["error"].commands == ("controller.e", "drive.u")
+
+
+def test_behind_a_block_that_was_named_the_loop_is_the_same():
+    worn = LOOP.insert("gap", tsm.blocks.Play(half_width=1e-4), before="error.minus")
+    assert next(control_loops(worn, "position.y", ["gap"])).fed_back == "error.minus"
+    assert not list(control_loops(worn, "position.y", ()))
+
+
+# ---- a block in front of several ports
+
+
+def test_a_block_is_put_in_front_of_several_ports():
+    made = LOOP.insert("sensor", DeadTime(time=0.01), before="error.minus, x")
+    assert made.shown["x"] == ("sensor", "y")
+    assert {".".join(x.target) for x in made.links if x.source[0] == "sensor"} == {"error.minus"}
+    assert "position.y -> spring.u" in {str(x) for x in made.links} | set(made.wires)
+
+
+def test_ports_of_several_wires_are_refused():
+    with pytest.raises(DiagramError) as caught:
+        LOOP.insert("sensor", Gain(), before="error.minus, motor.u")
+    said = str(caught.value)
+    assert "before='error.minus, motor.u': these ports are on several wires, from amplifier.y and position.y." in said
+
+
+# ---- found in recordings
+
+STEP, FINE, SAMPLES = 5e-3, 20, 1500
+
+
+def recorded(seed, *, dead_band=0.0, play=0.0, delay=0.0):
+    """A recording of the loop by its equations: with a dead band and a delay of the command, and a play of the sensor.
+
+    In Euler steps, a twentieth of a sample each; the dead band [V] and the play [m] are full widths.
+    """
+    rng, h = np.random.default_rng(seed), STEP / FINE
+    t = STEP * np.arange(SAMPLES)
+    tones = zip(rng.uniform(0.1, 2.5, 6), rng.uniform(0, 6.28, 6), rng.uniform(0.002, 0.01, 6), strict=True)
+    ref = sum(a * np.sin(2 * np.pi * f * t + p) for f, p, a in tones)
+    past, x, v, drive, read = [0.0] * round(delay / h), 0.0, 0.0, 0.0, 0.0
+    measured = np.empty(SAMPLES)
+    for k, (now, then) in enumerate(itertools.pairwise([*ref, ref[-1]])):
+        measured[k] = read
+        for part in range(FINE):
+            command = 200.0 * (now + (then - now) * part / FINE - read)
+            command = np.sign(command) * max(abs(command) - dead_band / 2, 0.0)
+            past.append(command)
+            drive += h * (0.9 * past.pop(0) - drive) / 0.015
+            v += h * 0.5 * (2.0 * drive - 22.0 * v - 90.0 * x)
+            x += h * v
+            read = min(max(read, x - play / 2), x + play / 2)
+    x = measured + rng.normal(0.0, 3e-5, SAMPLES)
+    return tsm.Record(f"run{seed}", t, {"ref": ref, "x": x}, {"ref": "m", "x": "m"})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "name", "wire", "size", "true"),
+    [
+        ({"dead_band": 0.3}, "dead_zone", "error.y -> controller.u", "width", 0.0015),
+        ({"play": 6e-4}, "backlash", "position.y -> error.minus, x", "gap width", 6e-4),
+        ({"delay": 0.012}, "dead_time", "", "delay", 12.0),
+        ({}, "", "", "", 0.0),
+    ],
+    ids=["dead band of the command", "play of the sensor", "delay of the command", "nothing"],
+)
+def test_an_effect_inside_a_control_loop_is_found_there(hidden, name, wire, size, true):
+    """A dead band is found where its width does not depend on the gain of the controller, which has no measured side.
+
+    A delay has nearly the same effect anywhere in the loop, and nearly the same length.
+    """
+    found = tsm.diagnose(LOOP, [recorded(seed, **hidden) for seed in (1, 2, 3)])
+    assert [e.name for e in found.effects] == ([name] if name else [])
+    for effect in found.effects:
+        assert wire in ("", effect.wire)
+        margin = 0.0 if wire else 0.05 * true
+        assert effect.sizes[size].low - margin < true < effect.sizes[size].high + margin
