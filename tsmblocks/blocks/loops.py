@@ -156,7 +156,10 @@ class PositionDependentLoop(Block):
     source = "definition; the loop is that of Dahl, AIAA J. 14 (1976) 1675"
     symbol = "+ g x z"
 
-    gain: float = parameter(default=0.0, about="half width that the loop gains per unit of x")
+    gain: float = parameter(
+        default=0.0,
+        about="half width that the loop gains per unit of x; negative where the output trails, as in friction",
+    )
     distance: float = parameter(default=0.1, about="travel over which the loop reverses", unit="?x", above=0.0)
 
     u = Input("any signal", unit="?u")

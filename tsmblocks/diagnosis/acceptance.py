@@ -13,6 +13,8 @@ from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 
 MIN_EXCESS_SHARE = 0.5
 """Share of the excess that an effect has to remove. Source: set on the development seeds of the method's prototype."""
+FLOOR = 1.0
+"""Mean square of the noise floor [noise variances]. Definition."""
 MIN_JOINT_SHARE = 0.8
 """Share of the excess that several effects have to remove together, none of which removes ``MIN_EXCESS_SHARE``. Chosen:
 stricter than for one effect, since several parameters fit more by chance."""
@@ -44,6 +46,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     removed, or next to nothing beside that, and depend on the motion where those before do, or on time. One that leaves
     noise only is accepted all the same where it is clearly significant and no second effect of the same name. Several
     further ones are accepted that together remove ``MIN_JOINT_SHARE`` of what remained, more than errors of form do.
+    Beside slow noise the first one may be a wandering of that, if it is one of time: what it leaves above the noise
+    floor counts as well, so that it has to be larger than the slow noise.
 
     None are accepted that leave more than a candidate at a disqualifying bound would, and none beside others that make
     the error of experiments larger that are held out whole.
@@ -57,11 +61,12 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             continue
         removed = losses[k - 1] - losses[k]
         share_of_rest = removed / max(losses[k - 1] - noise, 1e-12)
+        above_floor = losses[k - 1] - (min(noise, FLOOR) if _is_of_time(rounds[k - 1]) else noise)
         joint_share = (before - losses[k]) / max(before - noise, 1e-12)
         share_so_far = (before - losses[count]) / max(before - noise, 1e-12) if count else 0.0
         large = removed >= noise
         if share_so_far < MIN_EXCESS_SHARE:
-            first = share_of_rest >= MIN_EXCESS_SHARE and count == k - 1
+            first = removed >= MIN_EXCESS_SHARE * max(above_floor, 1e-12) and count == k - 1
             count = k if first or joint_share >= MIN_JOINT_SHARE else count
         elif not _carries_over(rounds, count, k, search):
             continue
@@ -112,8 +117,13 @@ def _is_error_of_form(rounds: Sequence[SearchRound], k: int, complete: bool) -> 
 
 def _is_like_those_before(rounds: Sequence[SearchRound], k: int) -> bool:
     """Whether the effect of round ``k`` is one of time where one named before is, or one of the motion likewise."""
-    of_time = [one.verdict.named is not None and is_of_time(one.verdict.named.candidate) for one in rounds[: k + 1]]
+    of_time = [_is_of_time(one) for one in rounds[: k + 1]]
     return of_time[-1] in of_time[:-1]
+
+
+def _is_of_time(one: SearchRound) -> bool:
+    """Whether a round named an effect of time."""
+    return one.verdict.named is not None and is_of_time(one.verdict.named.candidate)
 
 
 def _is_named_before(rounds: Sequence[SearchRound], k: int) -> bool:

@@ -31,6 +31,7 @@ from tsmblocks.diagnosis.forward_selection import forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories
 from tsmblocks.diagnosis.model import Model, ProgressCallback
 from tsmblocks.diagnosis.noise_floor import doubtful_floors, input_noise_rms, noise_level, propagated_input_noise
+from tsmblocks.diagnosis.outliers import outlier_notes
 from tsmblocks.diagnosis.partition import partition
 from tsmblocks.diagnosis.plain_states import with_plain_states
 from tsmblocks.diagnosis.preparation import DELAY, Prepared, prepared, prepared_again
@@ -261,7 +262,7 @@ def _judged(
         varying = varying_factor(final, seed)
     notes = doubtful_floors(ready.floors, final.residual_rms, recorded_units(final.setup))
     own = _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
-    notes += [f"{part.name}: {text}" for text in own]
+    notes += [f"{part.name}: {text}" for text in [*own, *outlier_notes(final)]]
     final = final if interrupted else with_plain_states(final)
     judged = DiagnosedPart(
         part, search, ready.floors, rounds, count, final, predicted, left, varying, filtered=ready.filtered

@@ -16,6 +16,7 @@ from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence, is_mate
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import NoiseFloors
+from tsmblocks.diagnosis.outliers import share_of_outliers
 from tsmblocks.diagnosis.partition import Part, experiment_of
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.varying_factor import VaryingFactor
@@ -90,8 +91,9 @@ class DiagnosedPart:
 
     @property
     def is_irregular(self) -> bool:
-        """Whether the last model leaves more than noise may be, and no function of what was recorded."""
-        large = self.losses[-1] > (1 + UNKNOWN_EXCESS) * self.largest_noise or self.varies
+        """Whether the last model leaves more than noise and outliers may be, and no function of what was recorded."""
+        loss = (1 - share_of_outliers([self.final.r[rows] for rows in self.final.problem.segments])) * self.losses[-1]
+        large = loss > (1 + UNKNOWN_EXCESS) * self.largest_noise or self.varies
         return large and not self.leaves_predictable
 
     @property

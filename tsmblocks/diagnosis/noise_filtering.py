@@ -21,7 +21,7 @@ def filters_noise(model: Model, candidate: Candidate, input_noise: Mapping[str, 
     such a gap improves the simulation and is not there. ``input_noise`` is the rms noise by input.
     """
     noise = input_noise.get(candidate.point.signal, 0.0)
-    if candidate.point.place != "input" or candidate.effect.family != "loop" or not noise:
+    if candidate.effect.family != "loop" or not noise:
         return False
     behind = inner_signal(model.diagram, f"{candidate.block}.y")
     signals = np.concatenate(model.signals([candidate.point.signal, behind]))

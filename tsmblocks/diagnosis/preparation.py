@@ -53,6 +53,9 @@ delays as well, and a hold takes less than that off."""
 SHARP_DISTANCE, SHARP_CLEAR = 0.1, 10.0
 """Distance of the share of a hold from 1, and that share in its standard deviations, at which it is a hold and nothing
 else that delays: of a gap the share may be anything. Chosen."""
+MAX_SURE_ERROR = 4.0
+"""Mean square of a residual [that of the noise] up to which what the outputs show of a hold is hardly due to the model
+error that is left. Chosen: twice the noise."""
 MAX_ERROR_GROWTH = 1.3
 """Residual of a base with commands that a model with effects showed over that without [rms], at most. Chosen: where the
 effect that is missing is large they change little, and where it is small the right ones leave no more."""
@@ -80,8 +83,12 @@ class Prepared:
     settled: bool = False
 
     def check(self, model: Model) -> None:
-        """Raise OtherCommands where a model shows inputs to be commands, beyond those that are known."""
-        if found := self.commands_of(model):
+        """Raise OtherCommands where a model shows inputs to be commands, beyond those that are known.
+
+        Beside a residual that is far above the noise the evidence has to be sharp: what is missing may delay as well.
+        """
+        sharp = (SHARP_DISTANCE, SHARP_CLEAR) if model.mean_square > MAX_SURE_ERROR else ()
+        if found := self.commands_of(model, *sharp):
             raise OtherCommands(self.commands.joined(found))
 
     def check_named(self, base: Model, named: FittedCandidate) -> None:

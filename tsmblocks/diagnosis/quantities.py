@@ -123,8 +123,16 @@ class Estimate:
                 continue
             if at and reference and (base := own.get(f"{name}@{reference}")) is not None:
                 size = size.relative_to(base, candidate.effect.of_gain)
-            found[key] = self._quantity(size)
+            found[key] = self._of_instant(self._quantity(size), candidate, size)
         return dict(sorted(found.items(), key=lambda one: "@" in one[0]))
+
+    def _of_instant(self, found: Quantity, candidate: Candidate, size: _Size) -> Quantity:
+        """The size, without an interval where it is an instant that may be any: one within a rest."""
+        items, setup = self.model.problem.unknowns.items, self.model.setup
+        instant = {candidate.name_in_block(items[k].parameter) for k in size.of} == {candidate.trials.refine}
+        longest = max(float(np.ptp(one.t)) for one in setup.experiments)
+        open_ = instant and found.high - found.low > 2 * longest
+        return attrs.evolve(found, low=-np.inf, high=np.inf) if open_ else found
 
     def _is_reached(self, candidate: Candidate, size: _Size) -> bool:
         """Whether the signal reaches a size that is a limit; a fit leaves others at the edge of its range."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import BURST_RATIO
+from tsmblocks.diagnosis.outliers import without_outliers
 from tsmblocks.diagnosis.partition import rows_of_experiments
 from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import square
@@ -68,14 +69,16 @@ def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.ra
 
     Its spectrum is theirs, smoothed over bands, of which each draw has another one of the posterior; below the lowest
     band its slope continues. It is cut out of longer noise: surrogates that are periodic, as those with random phases
-    are, return to where they began, and slow noise does not.
+    are, return to where they began, and slow noise does not. Outliers are white noise beside it: in the spectrum of the
+    residual that has them, they would hide how slow the rest is.
     """
-    frequency, power, freedom = _bands(parts, step)
+    smooth = [without_outliers(r) for r in parts]
+    frequency, power, freedom = _bands(smooth, step)
     levels = np.log(power * freedom / draw.chisquare(freedom, (draws, len(power))))
     slope = _lowest_slope(frequency, power)
     largest = BURST_RATIO * float(np.median([square(r) / len(r) for r in parts]))
     noise = []
-    for r in parts:
+    for r, rest in zip(parts, smooth, strict=True):
         f = np.log(np.fft.rfftfreq(LONGER * len(r), step)[1:])
         below = slope * np.minimum(f - np.log(frequency[0]), 0.0)
         one = np.empty((len(r), draws))
@@ -84,9 +87,11 @@ def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.ra
             phased = amplitude * (draw.standard_normal(len(f)) + 1j * draw.standard_normal(len(f)))
             one[:, k] = np.fft.irfft(np.append(0.0, phased), LONGER * len(r))[: len(r)]
         one -= one.mean(axis=0)
-        noise.append(
-            one * np.sqrt(min(square(r), largest * len(r)) / np.maximum(np.einsum("ij,ij->j", one, one), 1e-300))
-        )
+        white = draw.standard_normal(one.shape) if square(rest) < square(r) else 0.0
+        share = square(rest) / max(square(r), 1e-300)
+        whole = np.sqrt(min(square(r), largest * len(r)))
+        one *= np.sqrt(share) * whole / np.sqrt(np.maximum(np.einsum("ij,ij->j", one, one), 1e-300))
+        noise.append(one + np.sqrt((1 - share) / len(r)) * whole * white)
     return noise
 
 

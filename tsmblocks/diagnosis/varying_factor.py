@@ -37,8 +37,16 @@ DIRECTION_STEEPNESS = 3.0
 LEAST_WEIGHT = 0.01
 """Mean square of a coordinate that is added to that of each window [that of the experiment]. Chosen: rests count
 little."""
+AS_LARGE = 0.8
+"""Share of what the best windows explain from which longer ones do as well, and from which a curve does, so that the
+factor does not vary with time. Chosen: one change within a window of five."""
+CURVE_DEGREE = 5
+"""Degree of that curve, beside the magnitude of the coordinate. Chosen: a bend, a limit or a dead zone to a tenth."""
 COORDINATES = ("position", "speed", "direction", "acceleration")
 """Coordinates of each signal to which the residual may be proportional."""
+
+Explained = tuple[tuple[int, str, str], int, np.ndarray]
+"""Output, signal and coordinate; halvings of the longest windows; shares explained, of the residual and surrogates."""
 
 
 @attrs.frozen
@@ -74,25 +82,43 @@ def varying_factor(model: Model, seed: int) -> VaryingFactor | None:
 
     The share that a factor for each window explains is held against two kinds of surrogates, and has to exceed both:
     residuals rolled in time, which keep their autocorrelation, and residuals with random signs of their parts, which
-    keep where they are large (jitter of the clock is large where the motion is fast, and is noise all the same).
+    keep where they are large (jitter of the clock is large where the motion is fast, and is noise all the same). What a
+    curve of the coordinate explains as well does not vary.
     """
     draw, t = np.random.default_rng(seed), times(model)
     counts = [max(1, round(LONGEST_WINDOWS * (x[-1] - x[0]) / max(y[-1] - y[0] for y in t))) for x in t]
-    found: list[tuple[str, str, int, np.ndarray]] = []
+    found: list[Explained] = []
     coordinates = list(_coordinates(model, t))
-    for output in range(len(model.setup.outputs)):
-        residuals = [model.r[rows] for rows in rows_of_experiments(model, output).values()]
+    of_outputs = [
+        [model.r[rows] for rows in rows_of_experiments(model, output).values()]
+        for output in range(len(model.setup.outputs))
+    ]
+    for output, residuals in enumerate(of_outputs):
         rolls = [np.column_stack([r, rolled(r, DRAWS, draw)]) for r in residuals]
         total = sum(float(r @ r) for r in residuals)
         for signal, coordinate, values in coordinates:
             every = [_explained(r, x, n, draw) for r, x, n in zip(rolls, values, counts, strict=True)]
             shares = np.sum(every, axis=0) / max(total, 1e-300)
-            found += [(signal, coordinate, halving, own) for halving, own in enumerate(shares)]
-    return _most_significant(found, max(x[-1] - x[0] for x in t)) if found else None
+            found += [((output, signal, coordinate), halving, own) for halving, own in enumerate(shares)]
+    if not found:
+        return None
+    (output, *name), varying = _most_significant(found, max(x[-1] - x[0] for x in t))
+    values = next(values for *own, values in coordinates if own == name)
+    constant = varying.significant and _share_of_curve(of_outputs[output], values) >= AS_LARGE * varying.share
+    return attrs.evolve(varying, significant=varying.significant and not constant)
 
 
-def _most_significant(found: Sequence[tuple[str, str, int, np.ndarray]], length: float) -> VaryingFactor:
-    """The coordinate and window whose share is farthest above the maxima of both kinds of surrogates."""
+def _share_of_curve(residuals: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> float:
+    """Share of the sum of squares of residuals that one curve of a coordinate explains in all experiments."""
+    r, x = np.concatenate([one - one.mean() for one in residuals]), np.concatenate(values)
+    x = x / max(float(np.abs(x).max()), 1e-300)
+    basis = np.column_stack([np.polynomial.legendre.legvander(x, CURVE_DEGREE), np.abs(x)])
+    rest = r - basis @ np.linalg.lstsq(basis, r, rcond=None)[0]
+    return 1 - float(rest @ rest) / max(float(r @ r), 1e-300)
+
+
+def _most_significant(found: Sequence[Explained], length: float) -> tuple[tuple[int, str, str], VaryingFactor]:
+    """The coordinate and window whose share is farthest above the maxima of both kinds of surrogates, with its name."""
     noise = np.array([shares for *_, shares in found])[:, 1:].reshape(len(found), 2, DRAWS)
     share = np.array([shares[0] for *_, shares in found])
     mean, spread = noise.mean(axis=2), np.maximum(noise.std(axis=2), 1e-12)
@@ -100,14 +126,19 @@ def _most_significant(found: Sequence[tuple[str, str, int, np.ndarray]], length:
     critical = np.quantile(
         ((noise - mean[:, :, None]) / spread[:, :, None]).max(axis=0), 1 - SIGNIFICANCE_LEVEL, axis=1
     )
-    best = int(np.argmax((distance / critical).min(axis=1)))
-    signal, coordinate, halving, _ = found[best]
-    return VaryingFactor(
-        signal,
-        coordinate,
-        length / (LONGEST_WINDOWS << halving),
-        float(share[best] - mean[best].max()),
-        bool((distance[best] > critical).all()),
+    best, significant = int(np.argmax((distance / critical).min(axis=1))), (distance > critical).all(axis=1)
+    name, halving, _ = found[best]
+    removed = share - mean.max(axis=1)
+    longer = (  # of a factor that changes once the shortest windows tell most, and most of them are not needed
+        halved
+        for k, (alike, halved, _) in enumerate(found)
+        if alike == name and significant[k] and removed[k] >= AS_LARGE * removed[best]
+    )
+    return name, VaryingFactor(
+        *name[1:],
+        length / (LONGEST_WINDOWS << min(longer, default=halving)),
+        float(removed[best]),
+        bool(significant[best]),
     )
 
 

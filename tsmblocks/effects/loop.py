@@ -135,7 +135,7 @@ POSITION_DEPENDENCE = Effect(
     separates="a staircase with small reversals at several positions",
     within=("distance",),
     sizes=(
-        in_proportion("loop width per position", "gain", "{u}/{x}", 2.0),
+        in_proportion("loop width per position", "gain", "{u}/{x}", -2.0),  # of a loop that trails, as friction does
         in_proportion("travel over which the loop reverses", "distance", "{x}"),
     ),
 )
