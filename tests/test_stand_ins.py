@@ -52,6 +52,19 @@ def test_a_gain_that_wanders_is_proportional_to_the_position_by_a_factor_that_va
     assert f"varies within about {found.window:.2g} s" in found.words
 
 
+def test_what_a_curve_tells_as_well_does_not_vary():
+    """The magnitude of the position is proportional to it by a factor that changes with its sign, and not with time."""
+    assert not varying_factor(fitted(recordings(1, lambda t, x, draw: 0.01 * np.abs(x))), 0).material
+    assert not varying_factor(fitted(recordings(1, lambda t, x, draw: 0.02 * x**3 / (20 * DEG) ** 2)), 0).material
+
+
+def test_a_gain_that_changes_once_varies_over_long_windows():
+    """Short windows tell no more of it than those of a part of the recording."""
+    found = varying_factor(fitted(recordings(1, lambda t, x, draw: 0.01 * x * (t > 10.0))), 0)
+    assert found.material
+    assert found.window >= 24.0 / 6
+
+
 @pytest.mark.parametrize("kind", ["white", "heavy", "slow", "very slow"])
 def test_noise_of_any_spectrum_is_proportional_to_nothing(kind):
     assert not any(varying_factor(fitted(recordings(seed, lambda *_: 0.0, kind)), 0).material for seed in (2, 3, 4))

@@ -10,6 +10,11 @@ from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.decision import SIGNIFICANCE_LEVEL
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 
+LEVEL_OF_TIME = 0.01
+"""Probability that any effect of time exceeds the critical gain by chance. Chosen: below that of others, since the slow
+part of a spectrum, which such effects resemble, is known from a few cycles only."""
+OFFSET = "offset"
+"""The effect that is a constant."""
 SMALLEST_GAIN = 1e-9
 """Gain in noise, as a share of the sum of squares, that a candidate has at least. Chosen: rounding."""
 LARGEST_SHARE = 1 - 1e-6
@@ -17,8 +22,12 @@ LARGEST_SHARE = 1 - 1e-6
 
 
 def is_of_time(candidate: Candidate) -> bool:
-    """Whether a candidate is a function of time, which slow noise may resemble: steps, slopes, or a line in it."""
-    return candidate.effect.family == "time"
+    """Whether a candidate is a function of time, which slow noise may resemble: steps, slopes, or a line in it.
+
+    So is an offset that differs from one experiment to the next.
+    """
+    effect = candidate.effect
+    return effect.family == "time" or (effect.name == OFFSET and bool(getattr(effect, "local", ())))
 
 
 def critical_gains(
@@ -34,7 +43,8 @@ def critical_gains(
 
 
 def critical_ratios(scores: Sequence[ScreeningScore], total: float) -> dict[bool, float]:
-    """How many times its own critical gain the best of all candidates reaches in noise, with a probability of 5 %.
+    """How many times its own critical gain the best of all candidates reaches in noise, with a probability of 5 %
+    (effects of time 1 %).
 
     Gains count in what the candidate itself reaches in noise (95 %), so that one with many shapes, which follows any
     noise, does not hide one with few. Effects of time, which slow noise resembles, are a family of their own (True).
@@ -44,7 +54,7 @@ def critical_ratios(scores: Sequence[ScreeningScore], total: float) -> dict[bool
     for of_time in (False, True):
         family = [_ratios(one, total) for one in scores if is_of_time(one.candidate) == of_time]
         largest = np.max([one / _critical_alone(one) for one in family], axis=0) if family else np.ones(1)
-        result[of_time] = max(_critical_alone(largest), 1.0)
+        result[of_time] = max(_critical_alone(largest, LEVEL_OF_TIME if of_time else SIGNIFICANCE_LEVEL), 1.0)
     return result
 
 
@@ -54,6 +64,6 @@ def _ratios(score: ScreeningScore, total: float) -> np.ndarray:
     return np.asarray(share / (1 - share))
 
 
-def _critical_alone(ratios: np.ndarray) -> float:
-    """What one in twenty of these exceeds."""
-    return float(np.quantile(ratios, 1 - SIGNIFICANCE_LEVEL))
+def _critical_alone(ratios: np.ndarray, level: float = SIGNIFICANCE_LEVEL) -> float:
+    """What a share of these exceeds: one in twenty, or another ``level``."""
+    return float(np.quantile(ratios, 1 - level))

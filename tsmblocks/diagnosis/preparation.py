@@ -26,6 +26,7 @@ from tsmblocks.diagnosis.commands import (
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
+from tsmblocks.diagnosis.noise_at_rest import without_motion_at_rest
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, fast_noise_of_residuals, lowered_noise_floors, noise_floors
 from tsmblocks.diagnosis.partition import (
     MAX_GROWN_ERROR,
@@ -263,9 +264,10 @@ def _base(
     floors, lowered = lowered_noise_floors(
         floors, base.residual_rms, fast_noise_of_residuals(base), compared, part.diagram
     )
+    floors, more = without_motion_at_rest(floors, base, compared, settings.sigma)
     if floors.sigma != settings.sigma:
         base = _calibrated(part, records, attrs.evolve(settings, sigma=floors.sigma), progress)
-    return base, floors, lowered
+    return base, floors, [*lowered, *more]
 
 
 def _calibrated(

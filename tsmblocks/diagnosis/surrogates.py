@@ -63,9 +63,10 @@ def rolled(r: np.ndarray, draws: int, draw: np.random.Generator) -> np.ndarray:
 
 
 def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.random.Generator) -> list[np.ndarray]:
-    """Noise like the residuals (n,) of some experiments, each of shape (n, draws) and with the same sums of squares.
+    """Noise like the residuals (n,) of some experiments, each of shape (n, draws) and of the same variance.
 
-    A residual that is much larger than those of other experiments is not taken for noise whole.
+    A residual that is much larger than those of other experiments is not taken for noise whole. The mean of slow noise
+    differs from one experiment to the next, as an offset does.
 
     Its spectrum is theirs, smoothed over bands, of which each draw has another one of the posterior; below the lowest
     band its slope continues. It is cut out of longer noise: surrogates that are periodic, as those with random phases
@@ -76,7 +77,7 @@ def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.ra
     frequency, power, freedom = _bands(smooth, step)
     levels = np.log(power * freedom / draw.chisquare(freedom, (draws, len(power))))
     slope = _lowest_slope(frequency, power)
-    largest = BURST_RATIO * float(np.median([square(r) / len(r) for r in parts]))
+    largest = BURST_RATIO * float(np.median([np.var(r) for r in parts]))
     noise = []
     for r, rest in zip(parts, smooth, strict=True):
         f = np.log(np.fft.rfftfreq(LONGER * len(r), step)[1:])
@@ -86,12 +87,10 @@ def slow_noise(parts: Sequence[np.ndarray], step: float, draws: int, draw: np.ra
             amplitude = np.exp((np.interp(f, np.log(frequency), level) + below) / 2)
             phased = amplitude * (draw.standard_normal(len(f)) + 1j * draw.standard_normal(len(f)))
             one[:, k] = np.fft.irfft(np.append(0.0, phased), LONGER * len(r))[: len(r)]
-        one -= one.mean(axis=0)
-        white = draw.standard_normal(one.shape) if square(rest) < square(r) else 0.0
-        share = square(rest) / max(square(r), 1e-300)
-        whole = np.sqrt(min(square(r), largest * len(r)))
-        one *= np.sqrt(share) * whole / np.sqrt(np.maximum(np.einsum("ij,ij->j", one, one), 1e-300))
-        noise.append(one + np.sqrt((1 - share) / len(r)) * whole * white)
+        if (outliers := np.var(r) - np.var(rest)) > 0:
+            one *= np.sqrt(np.var(rest) / np.maximum(one.var(axis=0), 1e-300))
+            one += np.sqrt(outliers) * draw.standard_normal(one.shape)
+        noise.append(one * np.sqrt(min(np.var(r), largest) / np.maximum(one.var(axis=0), 1e-300)))
     return noise
 
 
@@ -132,7 +131,7 @@ def _lowest_slope(frequency: np.ndarray, power: np.ndarray) -> float:
 def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_time: bool) -> np.ndarray:
     """Surrogates of a model's residual with the base projected out, shape (N, draws), in single precision.
 
-    They are the noise that the residual would be if the model were right. With ``of_time`` they are new noise, as
+    They are the noise that the residual would be if the model were right, with its sum of squares. With ``of_time`` they are new noise, as
     ``slow_noise``, for effects of time; else they have lost their tie to the input.
     """
     draw, result = np.random.default_rng(seed), np.empty((len(model.r), draws), dtype=np.float32)
@@ -149,5 +148,6 @@ def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_tim
                 result[rows[part]] = rolled(model.r[rows[part]], draws, draw)
     for first in range(0, draws, COLUMNS_AT_A_TIME):  # for memory
         some = slice(first, first + COLUMNS_AT_A_TIME)
-        result[:, some] = base.project_out(result[:, some].astype(float))
+        left = base.project_out(result[:, some].astype(float))
+        result[:, some] = left * np.sqrt(square(model.r) / np.maximum(np.einsum("ij,ij->j", left, left), 1e-300))
     return result

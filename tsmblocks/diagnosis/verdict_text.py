@@ -219,9 +219,9 @@ def _reduction(segment: Segment) -> str:
         by = f", by {percent(share)} of the variance above the noise floor" if above else ""
         return f"{falls} (noise floor {floor}){by}.{others}"
     if segment.complete:
-        return f"{falls}.{others} {_noise_that_remains(gap)}"  # a share of what is above the floor would contradict it
+        return f"{falls}. {_noise_that_remains(gap)}{others}"  # a share of what is above the floor would contradict it
     by = f", by {percent(share)} of the variance above the noise floor" if share < ALL_SHARE else ""
-    return f"{falls} (noise floor {floor}){by}.{others} {_remaining(segment, gap)}"
+    return f"{falls} (noise floor {floor}){by}. {_remaining(segment, gap)}{others}"
 
 
 def _share_removed(gap: Gap) -> float:
@@ -241,7 +241,7 @@ def _other_outputs(segment: Segment, reported: Gap) -> str:
         after = _rms(k * gap.held_out[-1], unit)
         if after.partition(" ")[0] == before:
             continue
-        found.append(f" That of {gap.output} {_goes(gap)} from {before} to {after} (noise floor {floor}).")
+        found.append(f" The error of {gap.output} {_goes(gap)} from {before} to {after} (noise floor {floor}).")
     return "".join(found)
 
 
