@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
 import attrs
 
 from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidate_fits import at_sufficient_step
+from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.commands import OtherCommands
 from tsmblocks.diagnosis.critical_gains import critical_gains, critical_ratios
 from tsmblocks.diagnosis.decision import (
@@ -32,6 +34,7 @@ from tsmblocks.diagnosis.partition import ROUGH_ERROR
 from tsmblocks.diagnosis.round_fits import fits_beside_rough_base, fits_from_starts, with_memories
 from tsmblocks.diagnosis.screened_candidates import chosen_candidates, screened_candidates
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
+from tsmblocks.diagnosis.shift_in_time import is_shift_in_time
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
 from tsmblocks.fitting.inner_products import square
 
@@ -74,22 +77,31 @@ def search_round(
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
     base_loss = mean_loss(losses[0], search.blocks)
     for score, m in with_memories(fits):
-        candidate = score.candidate
-        gain, untenable = (model.mean_square - m.mean_square) * len(model.r), ""
-        if gain <= limits[score]:
-            untenable = "random noise of its spectrum is reduced as much"
-        elif follows_motion(m, candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
-            untenable = "its frequency is that of the motion"
-        elif repeats_another(m, candidate):
-            untenable = "the same oscillation again"
-        elif filters_noise(m, candidate, search.input_noise):
-            untenable = "removes noise of the input only"
+        candidate, gain = score.candidate, (model.mean_square - m.mean_square) * len(model.r)
+        untenable = "random noise of its spectrum is reduced as much" if gain <= limits[score] else ""
+        untenable = untenable or _why_untenable(m, candidate, search, gain, by_motion)
         found = fitted_candidate(candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
     noise_variance = noise_beside(fitted, search.noise)
     verdict = decide(losses[0], fitted, search.blocks, noise_variance, search.settings.seed)
     verdict = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
     return SearchRound(model, *losses, tuple(scores), verdict, multiplicity=multiplicity)
+
+
+def _why_untenable(
+    fitted: Model, candidate: Candidate, search: SearchContext, gain: float, by_motion: Callable[[], float]
+) -> str:
+    """Why a fitted candidate is no effect, whatever it gains; empty for one that may be.
+
+    ``by_motion`` is what the motion predicts of the same sum of squares.
+    """
+    if follows_motion(fitted, candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
+        return "its frequency is that of the motion"
+    if repeats_another(fitted, candidate):
+        return "the same oscillation again"
+    if filters_noise(fitted, candidate, search.input_noise):
+        return "removes noise of the input only"
+    return "in proportion to the speed: a shift in time" if is_shift_in_time(fitted, candidate) else ""
 
 
 def closing_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:

@@ -155,8 +155,11 @@ def insertion_points(
 def _at_the_output(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
     """Wires of a measured output, alone and beside an input: those behind all blocks and in front of those named."""
     yield InsertionPoint("output", name, source, after=source)
-    if any(".".join(link.source) == source for link in diagram.links):  # what is measured acts on other blocks too
+    driven = [".".join(link.target) for link in diagram.links if ".".join(link.source) == source]
+    if driven:  # what is measured acts on other blocks too
         yield InsertionPoint("output", name, source, before=name)
+        if _is_seen_elsewhere(diagram, name, source):
+            yield InsertionPoint("branch", name, source, before=", ".join(driven))
     signal, port = in_front(diagram, source, named)
     if port:
         yield InsertionPoint("output", name, signal, before=port)
@@ -168,6 +171,12 @@ def _at_the_output(diagram: Diagram, name: str, source: str, named: Collection[s
                 yield InsertionPoint("across", name, signal, other=read, before=port)
         if reaches_through_a_state(diagram, name, k):
             yield InsertionPoint("parallel", name, source, other=read, after=source)
+
+
+def _is_seen_elsewhere(diagram: Diagram, name: str, source: str) -> bool:
+    """Whether a measured signal acts on another measured output, so that a place behind its sensor is another one."""
+    behind = blocks_behind(diagram, source.partition(".")[0])
+    return any(head in behind for other, (head, _) in diagram.shown.items() if other != name and head)
 
 
 def _in_the_control_loop(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:

@@ -131,8 +131,8 @@ def _lowest_slope(frequency: np.ndarray, power: np.ndarray) -> float:
 def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_time: bool) -> np.ndarray:
     """Surrogates of a model's residual with the base projected out, shape (N, draws), in single precision.
 
-    They are the noise that the residual would be if the model were right, with its sum of squares. With ``of_time`` they are new noise, as
-    ``slow_noise``, for effects of time; else they have lost their tie to the input.
+    They are the noise that the residual would be if the model were right, with its sum of squares. With ``of_time``
+    they are new noise, as ``slow_noise``, for effects of time; else they have lost their tie to the input.
     """
     draw, result = np.random.default_rng(seed), np.empty((len(model.r), draws), dtype=np.float32)
     for output in range(len(model.setup.outputs)):

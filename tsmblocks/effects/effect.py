@@ -40,9 +40,9 @@ its unit. ``across``: on the wire of an output, and its input ``x`` reads the in
 with a position, from one part of a transmission to the next. ``deflection``: on the difference of two positions that
 the force there moves, as that of a spring. ``parallel``: as ``across``, where the input reaches the output through a
 lag or an integrator. ``branch``: on the wire from an input to one of several blocks that it drives, or behind
-that branch, where it enters a sum. ``loop``: on a wire of a control loop: the control error, the command, or what is
-fed back. An effect made for one diagram names its wire instead, ``"pump -> tank.inflow"``; it
-is inserted in diagrams that have this port. """
+that branch, where it enters a sum, or from a measured signal to the blocks that it drives, behind its sensor.
+``loop``: on a wire of a control loop: the control error, the command, or what is fed back. An effect made for one
+diagram names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
 QUANTITIES = {
     parse(unit).dimension: kind
     for kind, units in {"position": ("rad", "m"), "speed": ("rad/s", "m/s")}.items()

@@ -232,6 +232,7 @@ SOFT_RATE_LIMIT = attrs.evolve(
     free=("rising", "falling", "softness", "lag"),
     trials=_soft_rate_limit_trials,
     variant="soft",
+    below=("softness",),
 )
 EFFECTS = (
     DRIFT,

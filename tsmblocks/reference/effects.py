@@ -32,7 +32,7 @@ PLACES = {
     "output": "on the wire of a measured output",
     "input": "on the wire of a measured input, in front of the model",
     "loop": "inside a control loop: on the control error, on the command, or on what is fed back",
-    "branch": "on the wire from a measured input to one of several blocks that it drives, or from there to a sum",
+    "branch": "on the wire from a measured input to one of several blocks, from there to a sum, or behind a sensor",
     "across": "on the wire of a measured output, where it reads the input as well",
     "parallel": "on the wire of a measured output, where it reads an input that acts on it through a lag or integrator",
     "drive": "on the wire that sets the output in motion (a force, a voltage)",
