@@ -332,6 +332,7 @@ def test_wires_of_a_closed_loop():
     assert where(tsm.load("fig16_feedforward_feedback"), ["x_in", "x_out", "u"]) == [
         ("output", "x_in", "motor.y", "", "motor.y -> error.minus, tsm.x, x_in"),
         ("output", "x_in", "motor.y", "", "motor.y -> x_in"),  # the sensor alone
+        ("branch", "x_in", "motor.y", "", "motor.y -> error.minus, tsm.x"),  # all but the sensor
         ("drive", "x_in", "drive.y", "", "drive.y -> motor.u"),
         ("load", "x_in", "drive.y", "motor.y", "drive.y -> motor.u"),
         ("loop", "x_in", "motor.y", "", "motor.y -> error.minus, x_in"),
@@ -342,11 +343,13 @@ def test_wires_of_a_closed_loop():
         ("loop", "x_in", "controller.y", "", "controller.y -> drive.u"),
         ("output", "x_out", "tsm.y", "", "tsm.y -> tip_error.minus, x_out"),
         ("output", "x_out", "tsm.y", "", "tsm.y -> x_out"),
+        ("branch", "x_out", "tsm.y", "", "tsm.y -> tip_error.minus"),
         ("loop", "x_out", "tsm.y", "", "tsm.y -> tip_error.minus"),
         ("drive", "x_out", "tip_error.y", "", "tip_error.y -> pid.e"),
         ("loop", "x_out", "tip_error.y", "", "tip_error.y -> pid.e"),
         ("drive", "x_out", "pid.y", "", "pid.y -> total.plus2"),
         ("loop", "x_out", "pid.y", "", "pid.y -> total.plus2"),
+        ("branch", "u", "drive.y", "", "drive.y -> motor.u"),
     ]
     assert ("output", "u", "drive.y", "", "drive.y -> motor.u, u") in where(
         tsm.load("fig16_feedforward_feedback"), ["u"]

@@ -8,11 +8,14 @@ import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.decision import SIGNIFICANCE_LEVEL
+from tsmblocks.diagnosis.oscillation import is_oscillation
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 
-LEVEL_OF_TIME = 0.01
-"""Probability that any effect of time exceeds the critical gain by chance. Chosen: below that of others, since the slow
-part of a spectrum, which such effects resemble, is known from a few cycles only."""
+MOTION, SLOW, OSCILLATION = "motion", "slow", "oscillation"
+"""Families of candidates, each with a critical gain of its own."""
+LEVEL_OF_SLOW = 0.01
+"""Probability that any slow function of time exceeds the critical gain by chance. Chosen: below that of others, since
+the slow part of a spectrum, which such effects resemble, is known from a few cycles only."""
 OFFSET = "offset"
 """The effect that is a constant."""
 SMALLEST_GAIN = 1e-9
@@ -31,30 +34,38 @@ def is_of_time(candidate: Candidate) -> bool:
 
 
 def critical_gains(
-    scores: Sequence[ScreeningScore], total: float, multiplicity: Mapping[bool, float]
+    scores: Sequence[ScreeningScore], total: float, multiplicity: Mapping[str, float]
 ) -> dict[ScreeningScore, float]:
     """The gain [noise variances] of each candidate that any of them exceeds in noise alone with a probability of 5 %.
 
     ``total`` is the sum of squares of the residual. Gains count as they do in an F-test, gain over the rest.
     ``multiplicity`` is that of ``critical_ratios``.
     """
-    limits = {one: multiplicity[is_of_time(one.candidate)] * _critical_alone(_ratios(one, total)) for one in scores}
+    limits = {one: multiplicity[family_of(one.candidate)] * _critical_alone(_ratios(one, total)) for one in scores}
     return {one: total * limit / (1 + limit) for one, limit in limits.items()}
 
 
-def critical_ratios(scores: Sequence[ScreeningScore], total: float) -> dict[bool, float]:
-    """How many times its own critical gain the best of all candidates reaches in noise, with a probability of 5 %
-    (effects of time 1 %).
+def family_of(candidate: Candidate) -> str:
+    """Functions of the motion, slow functions of time, and oscillations, which slow noise resembles least."""
+    if not is_of_time(candidate):
+        return MOTION
+    return OSCILLATION if is_oscillation(candidate) else SLOW
+
+
+def critical_ratios(scores: Sequence[ScreeningScore], total: float) -> dict[str, float]:
+    """How many times its own critical gain the best of all candidates of a family reaches in noise.
+
+    With a probability of 5 %, and of 1 % for slow functions of time.
 
     Gains count in what the candidate itself reaches in noise (95 %), so that one with many shapes, which follows any
-    noise, does not hide one with few. Effects of time, which slow noise resembles, are a family of their own (True).
+    noise, does not hide one with few.
     Source: Westfall and Young, Resampling-Based Multiple Testing (1993), on balanced tests.
     """
     result = {}
-    for of_time in (False, True):
-        family = [_ratios(one, total) for one in scores if is_of_time(one.candidate) == of_time]
+    for name in (MOTION, SLOW, OSCILLATION):
+        family = [_ratios(one, total) for one in scores if family_of(one.candidate) == name]
         largest = np.max([one / _critical_alone(one) for one in family], axis=0) if family else np.ones(1)
-        result[of_time] = max(_critical_alone(largest, LEVEL_OF_TIME if of_time else SIGNIFICANCE_LEVEL), 1.0)
+        result[name] = max(_critical_alone(largest, LEVEL_OF_SLOW if name == SLOW else SIGNIFICANCE_LEVEL), 1.0)
     return result
 
 

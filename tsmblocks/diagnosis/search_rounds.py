@@ -35,7 +35,7 @@ class SearchRound:
     verdict: Verdict
     repeated: SearchRound | None = None
     single_effect: bool = False
-    multiplicity: Mapping[bool, float] = attrs.field(factory=dict)
+    multiplicity: Mapping[str, float] = attrs.field(factory=dict)
 
     @property
     def most_complete(self) -> SearchRound:
