@@ -17,7 +17,10 @@ class Score(SimpleNamespace):
 def score(seed, family="map", scale=1.0, shapes=1):
     """A candidate of so many shapes, whose gains in noise are those of the best of them."""
     gains = scale * np.random.default_rng(seed).chisquare(1, (shapes, 2000)).max(axis=0)
-    return Score(candidate=SimpleNamespace(effect=SimpleNamespace(family=family, name=family, free=(), local=())), noise_gains=gains)
+    return Score(
+        candidate=SimpleNamespace(effect=SimpleNamespace(family=family, name=family, free=(), local=())),
+        noise_gains=gains,
+    )
 
 
 def limit(one, scores, multiplicity=None):

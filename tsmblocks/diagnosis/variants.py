@@ -10,7 +10,7 @@ VARIANT_WORDS = {
     "separate sizes": "one size for each recording",
     "separate sizes and times": "one size, at one instant, for each recording",
     "input": "in front of the model",
-    "branch": "in one of the branches that the input drives",
+    "branch": "in one of the branches that an input drives, or behind a sensor",
     "loop": "inside the control loop",
     "output": "at the output of the model",
     "by the input": "on the output, driven by the input",
