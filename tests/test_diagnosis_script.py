@@ -154,7 +154,7 @@ def bench(place):
     """A diagram that has a wire of this kind."""
     if place in ("brake", "parallel"):
         return tsm.load("motor_linear").rewire(outputs={"v": "motor.v"})
-    if place in ("drive", "load"):
+    if place in ("drive", "load", "mode"):
         return tsm.load("motor_linear")
     inside = {
         "transmission": "belt_drive",

@@ -18,6 +18,8 @@ from tsmblocks.common.errors import TsmError, near
 from tsmblocks.common.loading import INTERRUPTED
 from tsmblocks.common.tables import unique_names
 
+PARAGRAPH = "\n\n"
+"""What separates the paragraphs of a text."""
 RESULTS = (".csv", ".npz", ".mat")
 PICTURES = (".png", ".svg", ".pdf")
 """Endings of files of results, and of figures."""
@@ -288,9 +290,10 @@ def finish(
 ) -> int:
     """Print, save and plot the result of a search; its exit status. JSON has the ``facts`` too."""
     if not args.json:
-        print_text(str(result))
-        if vars(args).get("details"):
-            print_text(f"\n{result.details()}")
+        if vars(args).get("details"):  # in place of the last paragraph, which says how to get them
+            print_text(f"{str(result).rpartition(PARAGRAPH)[0]}{PARAGRAPH}{result.details()}")
+        else:
+            print_text(str(result))
     written = save()
     if plot:
         replace_figure(plot, result.plot(), dpi=150)

@@ -128,6 +128,9 @@ def insertion_points(
         speed = is_speed(unit)
         drive = driving_port(diagram, name, FORCE_TO_POSITION - speed)
         signal = source_of(diagram, drive) if drive else source
+        driving = signal if drive else _driving_input(diagram, name)
+        if driving not in ("", source) and not is_no_motion(unit):
+            found.append(InsertionPoint("mode", name, source, other=driving, after=source))
         if signal != source:  # an output that is its own drive has no drive in front of it
             found.append(InsertionPoint("drive", name, signal, before=drive))
             if not is_no_motion(unit):
@@ -171,6 +174,11 @@ def _at_the_output(diagram: Diagram, name: str, source: str, named: Collection[s
                 yield InsertionPoint("across", name, signal, other=read, before=port)
         if reaches_through_a_state(diagram, name, k):
             yield InsertionPoint("parallel", name, source, other=read, after=source)
+
+
+def _driving_input(diagram: Diagram, name: str) -> str:
+    """The input that reaches an output through one integration or lag; empty where there is none."""
+    return next((k for k in diagram.inputs if integration_count(diagram, name, before="", after=k) == 1), "")
 
 
 def _is_seen_elsewhere(diagram: Diagram, name: str, source: str) -> bool:

@@ -11,6 +11,7 @@ VARIANT_WORDS = {
     "separate sizes and times": "one size, at one instant, for each recording",
     "input": "in front of the model",
     "branch": "in one of the branches that an input drives, or behind a sensor",
+    "mode": "driven as the model is, and added to its output",
     "loop": "inside the control loop",
     "output": "at the output of the model",
     "by the input": "on the output, driven by the input",

@@ -193,6 +193,18 @@ BASE_EXCITED = attrs.evolve(
     trials=_base_excited_trials,
     variant="base-excited",
 )
+FURTHER_MODE = attrs.evolve(
+    RESONANCE,
+    words="a further mode in parallel with the model (a linear model of higher order)",
+    place="across",
+    block=ParallelResonance(),
+    null={"gain": 0.0, "rate_gain": 0.0},
+    free=("gain", "rate_gain", "omega", "zeta"),
+    trials=_mode_trials,
+    settled=(),
+    variant="parallel",
+    sizes=(FREQUENCY, DAMPING),
+)
 EFFECTS = (
     DEAD_TIME,
     # Behind a linear model the same but for the start: there it repeats its first value, here the first command.
@@ -211,18 +223,8 @@ EFFECTS = (
     RESONANCE,
     BASE_EXCITED,
     in_front(BASE_EXCITED, "a resonance in front of the model"),
-    attrs.evolve(
-        RESONANCE,
-        words="a further mode in parallel with the model (a linear model of higher order)",
-        place="across",
-        block=ParallelResonance(),
-        null={"gain": 0.0, "rate_gain": 0.0},
-        free=("gain", "rate_gain", "omega", "zeta"),
-        trials=_mode_trials,
-        settled=(),
-        variant="parallel",
-        sizes=(FREQUENCY, DAMPING),
-    ),
+    FURTHER_MODE,
+    attrs.evolve(FURTHER_MODE, place="mode", variant="mode"),
     attrs.evolve(
         LAG,
         words="a further first-order lag in parallel with the model",

@@ -30,6 +30,7 @@ PLACES = (
     "parallel",
     "branch",
     "loop",
+    "mode",
 )
 """Where an effect may be inserted.
 
@@ -41,15 +42,16 @@ with a position, from one part of a transmission to the next. ``deflection``: on
 the force there moves, as that of a spring. ``parallel``: as ``across``, where the input reaches the output through a
 lag or an integrator. ``branch``: on the wire from an input to one of several blocks that it drives, or behind
 that branch, where it enters a sum, or from a measured signal to the blocks that it drives, behind its sensor.
-``loop``: on a wire of a control loop: the control error, the command, or what is fed back. An effect made for one
-diagram names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
+``loop``: on a wire of a control loop: the control error, the command, or what is fed back. ``mode``: as ``across``,
+where what it reads drives the output through one or two integrations or lags: a force, a voltage. An effect made for
+one diagram names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
 QUANTITIES = {
     parse(unit).dimension: kind
     for kind, units in {"position": ("rad", "m"), "speed": ("rad/s", "m/s")}.items()
     for unit in units
 }
 """Dimension of a signal -> what it is, for ``other_words``; anything else is ``"other"``."""
-TWO_SIGNAL_PLACES = ("across", "load", "brake", "parallel")
+TWO_SIGNAL_PLACES = ("across", "load", "brake", "parallel", "mode")
 """Places at which the input ``x`` of an effect's block is connected to a second signal."""
 
 

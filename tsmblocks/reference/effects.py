@@ -34,6 +34,7 @@ PLACES = {
     "loop": "inside a control loop: on the control error, on the command, or on what is fed back",
     "branch": "on the wire from a measured input to one of several blocks, from there to a sum, or behind a sensor",
     "across": "on the wire of a measured output, where it reads the input as well",
+    "mode": "on the wire of a measured output, where it reads the force or voltage that drives it",
     "parallel": "on the wire of a measured output, where it reads an input that acts on it through a lag or integrator",
     "drive": "on the wire that sets the output in motion (a force, a voltage)",
     "load": "on the wire that sets the output in motion, where it reads the motion as well",
@@ -61,7 +62,7 @@ TITLES = {
 """Headings of families whose name says too little."""
 PLANTS = {
     "output": "tendon_sheath_asymmetric",
-    **dict.fromkeys(("drive", "load", "brake", "parallel"), "motor_linear"),
+    **dict.fromkeys(("drive", "load", "brake", "parallel", "mode"), "motor_linear"),
     "branch": "fig07_observer",
     "loop": "fig09a_without_feedforward",
     "transmission": "belt_drive",
