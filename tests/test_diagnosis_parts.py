@@ -188,6 +188,7 @@ def test_wires_of_a_sheath():
 def test_wires_of_a_motor():
     assert where(tsm.load("motor_linear"), ["x"]) == [
         ("output", "x", "motor.y", "", "motor.y -> x"),
+        ("mode", "x", "motor.y", "u", "motor.y -> x"),
         ("drive", "x", "u", "", "u -> motor.u"),
         ("load", "x", "u", "motor.y", "u -> motor.u"),
         ("input", "x", "u", "", "u -> motor.u"),
@@ -214,6 +215,7 @@ def test_wires_of_a_motor_whose_speed_is_measured():
     expected = [
         ("output", "v", "motor.v", "", "motor.v -> v"),
         ("parallel", "v", "motor.v", "u", "motor.v -> v"),
+        ("mode", "v", "motor.v", "u", "motor.v -> v"),
         ("drive", "v", "u", "", "u -> motor.u"),
         ("brake", "v", "u", "motor.v", "u -> motor.u"),
         ("input", "v", "u", "", "u -> motor.u"),
@@ -223,8 +225,10 @@ def test_wires_of_a_motor_whose_speed_is_measured():
     assert [place for place, *_ in where(both, ["v", "x"])] == [
         "output",
         "parallel",
+        "mode",
         "drive",
         "output",
+        "mode",
         "load",
         "input",
     ]
@@ -305,13 +309,13 @@ def test_an_effect_in_one_of_parallel_branches_is_found_there(changes, name, wir
 
 def test_what_is_no_speed_has_no_wire_for_friction():
     level = Diagram(blocks={"tank": Integrator()}, inputs={"flow": "tank"}, outputs={"y": "tank"})
-    assert [place for place, *_ in where(level, ["y"])] == ["output", "parallel", "input"]
+    assert [place for place, *_ in where(level, ["y"])] == ["output", "parallel", "mode", "input"]
     told = {
         unit: [site.place for site in insertion_points(level, ["y"], measured={"y": unit})]
         for unit in ("rpm", "m/s", "m", "x")
     }
-    assert told["rpm"] == told["m/s"] == ["output", "parallel", "drive", "brake", "input"]
-    assert told["m"] == told["x"] == ["output", "parallel", "input"]
+    assert told["rpm"] == told["m/s"] == ["output", "parallel", "mode", "drive", "brake", "input"]
+    assert told["m"] == told["x"] == ["output", "parallel", "mode", "input"]
 
 
 @pytest.mark.parametrize(("unit", "rubs"), [("m", True), ("V", True), ("", True), ("Pa", False), ("degC", False)])
@@ -333,6 +337,7 @@ def test_wires_of_a_closed_loop():
         ("output", "x_in", "motor.y", "", "motor.y -> error.minus, tsm.x, x_in"),
         ("output", "x_in", "motor.y", "", "motor.y -> x_in"),  # the sensor alone
         ("branch", "x_in", "motor.y", "", "motor.y -> error.minus, tsm.x"),  # all but the sensor
+        ("mode", "x_in", "motor.y", "drive.y", "motor.y -> error.minus, tsm.x, x_in"),
         ("drive", "x_in", "drive.y", "", "drive.y -> motor.u"),
         ("load", "x_in", "drive.y", "motor.y", "drive.y -> motor.u"),
         ("loop", "x_in", "motor.y", "", "motor.y -> error.minus, x_in"),
@@ -408,11 +413,12 @@ def test_wires_of_a_diagram_that_is_a_block():
     assert where(outer, ["x"]) == [
         ("output", "x", "plant.x", "", "plant.x -> tip.u, x"),
         ("output", "x", "plant.x", "", "plant.x -> x"),
+        ("mode", "x", "plant.x", "amplifier.y", "plant.x -> tip.u, x"),
         ("drive", "x", "amplifier.y", "", "amplifier.y -> plant.u"),
         ("load", "x", "amplifier.y", "plant.x", "amplifier.y -> plant.u"),
         ("input", "x", "u", "", "u -> amplifier.u"),
     ]
-    output, _, _, load, _ = insertion_points(outer, ["x"])
+    output, _, _, _, load, _ = insertion_points(outer, ["x"])
     friction = effect("coulomb_friction")
     for site, block in ((output, Bias()), (load, friction.block)):
         assert equations(site.put(outer, "more", block)).y

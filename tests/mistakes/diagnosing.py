@@ -122,7 +122,7 @@ def an_effect_settled_in_a_misspelt_state():
 
 @mistake(
     ParameterError,
-    "effect 'louder': nothing drives the input 'x' of its block at the place 'output' (an input x is driven only at the places across, load, brake and parallel).",
+    "effect 'louder': nothing drives the input 'x' of its block at the place 'output' (an input x is driven only at the places across, load, brake, parallel and mode).",
 )
 def an_effect_that_reads_a_second_signal_where_there_is_none():
     effect(block=PositionDependentLoop(), null={"gain": 0.0})

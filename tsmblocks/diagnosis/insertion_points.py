@@ -124,6 +124,7 @@ def insertion_points(
             continue  # the output is an input: there is nothing in between
         source = f"{head}.{port}"
         found += _at_the_output(diagram, name, source, named)
+        found += _behind_the_sensor(diagram, name, source, outputs)
         unit = diagram.unit(name) or (measured or {}).get(name, "")
         speed = is_speed(unit)
         drive = driving_port(diagram, name, FORCE_TO_POSITION - speed)
@@ -158,11 +159,8 @@ def insertion_points(
 def _at_the_output(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
     """Wires of a measured output, alone and beside an input: those behind all blocks and in front of those named."""
     yield InsertionPoint("output", name, source, after=source)
-    driven = [".".join(link.target) for link in diagram.links if ".".join(link.source) == source]
-    if driven:  # what is measured acts on other blocks too
+    if any(".".join(link.source) == source for link in diagram.links):  # what is measured acts on other blocks too
         yield InsertionPoint("output", name, source, before=name)
-        if _is_seen_elsewhere(diagram, name, source):
-            yield InsertionPoint("branch", name, source, before=", ".join(driven))
     signal, port = in_front(diagram, source, named)
     if port:
         yield InsertionPoint("output", name, signal, before=port)
@@ -181,10 +179,12 @@ def _driving_input(diagram: Diagram, name: str) -> str:
     return next((k for k in diagram.inputs if integration_count(diagram, name, before="", after=k) == 1), "")
 
 
-def _is_seen_elsewhere(diagram: Diagram, name: str, source: str) -> bool:
-    """Whether a measured signal acts on another measured output, so that a place behind its sensor is another one."""
+def _behind_the_sensor(diagram: Diagram, name: str, source: str, outputs: Sequence[str]) -> Iterator[InsertionPoint]:
+    """The wire from a measured signal to the blocks that it drives, where another measured output depends on them."""
+    driven = [".".join(link.target) for link in diagram.links if ".".join(link.source) == source]
     behind = blocks_behind(diagram, source.partition(".")[0])
-    return any(head in behind for other, (head, _) in diagram.shown.items() if other != name and head)
+    if driven and any(diagram.shown[other][0] in behind for other in outputs if other != name):
+        yield InsertionPoint("branch", name, source, before=", ".join(driven))
 
 
 def _in_the_control_loop(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
