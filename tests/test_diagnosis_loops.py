@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from tsmblocks.blocks import DeadTime, FirstOrderLag, Gain, Integrator, Sum, Vis
 from tsmblocks.common.errors import DiagramError
 from tsmblocks.diagnosis.control_loops import control_loops
 from tsmblocks.diagnosis.insertion_points import insertion_points
+from tsmblocks.diagnosis.shift_in_time import is_shift_in_time
+from tsmblocks.fitting.parameters import chosen
 from tsmblocks.model.arguments import Inlet
 from tsmblocks.model.diagram import Diagram
 
@@ -81,6 +84,57 @@ def test_behind_a_block_that_was_named_the_loop_is_the_same():
     worn = LOOP.insert("gap", tsm.blocks.Play(half_width=1e-4), before="error.minus")
     assert next(control_loops(worn, "position.y", ["gap"])).fed_back == "error.minus"
     assert not list(control_loops(worn, "position.y", ()))
+
+
+def test_behind_a_sensor_where_another_output_depends_on_it():
+    """The recorded command is what the controller gives; what the amplifier makes of it is seen in the position."""
+    both = LOOP.rewire(outputs={"x": "position", "u": "controller"})
+    points = insertion_points(both, ["x", "u"])
+    assert [p.words(both) for p in points if (p.place, p.output) == ("branch", "u")] == ["controller.y -> amplifier.u"]
+    assert not [p for p in insertion_points(both, ["u"]) if p.place == "branch"]
+
+
+def test_a_mode_is_driven_as_the_output_is():
+    (point,) = (p for p in insertion_points(LOOP, ["x"]) if p.place == "mode")
+    assert (point.signal, point.other) == ("position.y", "mass.y")
+    stage = Diagram(blocks={"stage": FirstOrderLag()}, inputs={"u": "stage"}, outputs={"y": "stage"})
+    assert [p.other for p in insertion_points(stage, ["y"]) if p.place == "mode"] == ["u"]
+    assert not [p for p in insertion_points(stage, ["y"], measured={"y": "degC"}) if p.place == "mode"]
+
+
+# ---- what is known by definition
+
+
+def test_the_integral_of_a_speed_is_the_position():
+    """An integrator between known units has a gain of 1 by definition; one of another gain, or without units, not."""
+    free = chosen(LOOP, None)
+    assert "position.gain" not in free
+    assert "speed.gain" not in free
+    assert "mass.gain" in free
+    assert "position.gain" in chosen(LOOP, ["position.gain"])
+    assert "position.gain" in chosen(LOOP.with_parameters({"position.gain": 1.1}), None)
+    bare = Diagram(blocks={"tank": Integrator()}, inputs={"u": "tank"}, outputs={"y": "tank"})
+    assert chosen(bare, None) == ["tank.gain"]
+
+
+def test_a_named_gain_of_an_integrator_is_no_value_of_a_data_sheet():
+    t = np.arange(0.0, 2.0, 0.01)
+    record = tsm.Record("r", t, {"v": np.cos(t), "x": np.sin(t)}, {"v": "m/s", "x": "m"})
+    tank = Diagram(blocks={"sum": Integrator()}, inputs={"v": Inlet("sum", unit="m/s")}, outputs={"x": "sum"})
+    found = tsm.fit(tank, record, free=["sum.gain"])
+    assert not [text for text in found.notes if "usually known" in text]
+
+
+# ---- a change in proportion to the speed
+
+
+@pytest.mark.parametrize(("exponent", "shift"), [(0.5, False), (0.9, False), (0.98, True), (1.03, True), (1.2, False)])
+def test_a_change_in_proportion_to_the_speed_is_a_shift_in_time(exponent, shift):
+    model = SimpleNamespace(values={"rate.exponent": exponent, "rate.coefficient": 0.1, "other.exponent": 1.0})
+    effect = SimpleNamespace(name="rate_dependence")
+    one = SimpleNamespace(effect=effect, free=("rate.coefficient", "rate.exponent"))
+    assert is_shift_in_time(model, one) is shift
+    assert not is_shift_in_time(model, SimpleNamespace(effect=SimpleNamespace(name="backlash"), free=one.free))
 
 
 # ---- a block in front of several ports
