@@ -57,7 +57,7 @@ def test_a_compensator_that_makes_matters_worse_says_nothing_about_control():
         "lag", slow, after="limit.y"
     )
     assert consequence(model(low), model(low)) == (
-        f"{NOT_TRACKED} has a larger error than a constant command. The verdict does not depend on it."
+        f"{NOT_TRACKED} does worse than none. The verdict does not depend on it."
     )
 
 
