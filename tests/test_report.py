@@ -259,7 +259,7 @@ def test_the_output_furthest_above_its_noise_is_the_one_told():
         attrs.evolve(NAMED, gaps=(gap, other))
     )
     two = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(gap, other)))
-    assert "The error of x_out falls from 0.520 to 0.104 deg rms (noise floor 0.100). " in two
+    assert "The error of x_out falls from 0.520 to 0.104 deg rms (noise floor 0.100)." in two
     worse = attrs.evolve(gap, held_out=gap.held_out[::-1])
     assert "The error of x_out grows" not in verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(worse, other)))
     bare = attrs.evolve(NAMED, gaps=(attrs.evolve(other, unit=""),))

@@ -7,9 +7,10 @@ import math
 import attrs
 
 from tsmblocks.blocks import DeadTime, FirstOrderLag, Gain, Lag, ParallelResonance, RateDependence, Resonance, Sum
-from tsmblocks.effects.effect import Effect, across, in_front, on_loop
+from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import MILLISECONDS, PERCENT, Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
+from tsmblocks.effects.variants import across, in_front, on_loop
 from tsmblocks.model.diagram import Diagram
 
 TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch, StribeckStretch
-from tsmblocks.effects.effect import Effect, across, in_front, on_branch, on_input, on_loop
+from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
+from tsmblocks.effects.variants import across, in_front, on_branch, on_input, on_loop
 
 PLAY_WIDTHS = (0.04, 0.15, 0.45)
 """Starting half widths of the plays of a nonlocal memory [half the range]. Chosen: a factor of three apart."""

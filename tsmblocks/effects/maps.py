@@ -20,9 +20,10 @@ from tsmblocks.blocks import (
     SoftDeadZone,
     SoftSaturation,
 )
-from tsmblocks.effects.effect import Effect, in_front, on_branch
+from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
+from tsmblocks.effects.variants import in_front, on_branch
 
 CURVATURE_SHARE = 0.02
 """Trial deviation from a straight line at the ends, as a share of half the range. Chosen."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from tsmblocks.blocks import Bias, GainError
-from tsmblocks.effects.effect import Effect, in_front, separate
+from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import PERCENT, in_proportion
 from tsmblocks.effects.trials import Trials
+from tsmblocks.effects.variants import in_front, separate
 
 OFFSET = Effect(
     "offset",

@@ -8,9 +8,10 @@ from collections.abc import Mapping
 import attrs
 
 from tsmblocks import blocks
-from tsmblocks.effects.effect import Effect, across, in_front, on_branch, separate
+from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
+from tsmblocks.effects.variants import across, in_front, on_branch, separate
 
 NO_LIMIT = 1e12
 """A rate that no signal reaches. Chosen: finite, since an infinite rate times a step of zero is NaN."""

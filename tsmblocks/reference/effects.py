@@ -283,7 +283,7 @@ def placed(effect: Effect) -> Placed:
 
 
 def _with_measured_reference(loop: Diagram) -> Diagram:
-    """A control loop with an input in the place of the source of its reference, and the output that it controls."""
+    """A control loop with an input instead of the source of its reference, and the output that it controls."""
     ends = [".".join(x.target) for x in loop.links if x.source[0] == REFERENCE]
     blocks = {name: block for name, block in loop.blocks.items() if name != REFERENCE}
     cut = [f"{REFERENCE}.y -> {end}" for end in ends]

@@ -1,0 +1,93 @@
+"""Variants of effects at other places: in front of the model, on a branch, inside a control loop, beside a signal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import attrs
+
+from tsmblocks.blocks import Sum
+from tsmblocks.effects.effect import Effect
+from tsmblocks.effects.sizes import on_second_signal
+from tsmblocks.effects.trials import Scales, Trials
+from tsmblocks.model.diagram import Diagram
+
+
+def in_front(effect: Effect, words: str = "") -> Effect:
+    """The variant of an effect that acts on the input, in front of the whole model; its ``words`` say so."""
+    said = words or f"{effect.words}, in front of the model"
+    others = {kind: f"{said}, in front of the model" for kind, said in effect.other_words.items()}
+    return attrs.evolve(effect, words=said, place="input", variant="input", other_words=others)
+
+
+def on_branch(effect: Effect) -> Effect:
+    """The variant of an effect that acts in one of several branches that an input drives."""
+    variant = ", ".join(filter(None, ("branch", effect.variant.removeprefix("output"))))
+    return attrs.evolve(effect, place="branch", variant=variant)
+
+
+def on_loop(effect: Effect) -> Effect:
+    """The variant of an effect that acts inside a control loop."""
+    words = f"{effect.words} inside the control loop"
+    return attrs.evolve(effect, words=words, place="loop", variant="loop", other_words={})
+
+
+def separate(effect: Effect, instant: str = "", words: str = "") -> Effect:
+    """The variant with one size for each recording, at one ``instant`` each, where recordings share no clock."""
+    return attrs.evolve(
+        effect,
+        words=words or effect.words,
+        trials=lambda scales: None if scales.one_clock else effect.trials(scales),
+        variant=f"{effect.variant}, separate sizes{' and times' if instant else ''}".lstrip(", "),
+        local=(*effect.null, *filter(None, [instant])),
+    )
+
+
+def across(effect: Effect, name: str, variant: str) -> Effect:
+    """A variant that adds to signal ``u`` the change that the block of an effect, under ``name``, makes to ``x``."""
+    block = Diagram(
+        title=f"{name} beside",
+        blocks={name: effect.block, "added": Sum(signs="+-"), "both": Sum(signs="++")},
+        wires=[f"{name} -> added.plus", "added -> both.plus2"],
+        inputs={"u": "both.plus1", "x": [f"{name}.u", "added.minus"]},
+        outputs={"y": "both"},
+    )
+    beside = attrs.evolve(effect, sizes=tuple(map(on_second_signal, effect.sizes)))
+    return _inside(beside, name, block, "across", variant, lambda scales: effect.trials(scales.of_other))
+
+
+def on_input(effect: Effect, name: str) -> Effect:
+    """The variant in front of the model of an effect that reads two signals: both are the input."""
+    block = Diagram(
+        title=f"{name} in front",
+        blocks={name: effect.block},
+        inputs={"u": [f"{name}.u", f"{name}.x"]},
+        outputs={"y": name},
+    )
+    return in_front(_inside(effect, name, block, "input", "input", effect.trials))
+
+
+def _inside(
+    effect: Effect, name: str, block: Diagram, place: str, variant: str, trials: Callable[[Scales], Trials | None]
+) -> Effect:
+    """An effect whose block is a part, under ``name``, of the diagram ``block``; ``trials`` are those of that part."""
+
+    def under(scales: Scales) -> Trials | None:
+        own = trials(scales)
+        return None if own is None else own.under(name)
+
+    kept = (effect.free, effect.settled, effect.within, effect.below, effect.local)
+    free, settled, within, below, local = (tuple(f"{name}.{k}" for k in names) for names in kept)
+    return attrs.evolve(
+        effect,
+        place=place,
+        block=block,
+        null={f"{name}.{k}": value for k, value in effect.null.items()},
+        free=free,
+        trials=under,
+        variant=variant,
+        settled=settled,
+        within=within,
+        below=below,
+        local=local,
+    )
