@@ -573,7 +573,8 @@ def test_the_headings_of_an_effect_begin_with_the_place():
 
 def test_an_effect_in_front_of_the_model_is_not_described_twice():
     opening = effects.page("backlash", uses.effects()["backlash"]).split("\n:Family")[0]
-    kinds = "A backlash gap; a backlash gap inside the transmission; a backlash gap in the elastic transmission."
+    places = "inside the control loop", "inside the transmission", "in the elastic transmission"
+    kinds = "; ".join(["A backlash gap", *(f"a backlash gap {place}" for place in places)]) + "."
     assert opening.rstrip().endswith(f"\n\n{kinds}")
 
 
