@@ -43,13 +43,15 @@ RICH = np.where(T < 1, 0.1 * T, np.where(T > 5, TURNS[500], TURNS))
 """Slow, fast and at rest."""
 REFUSED = {
     "fig16_feedforward_feedback": {
-        (name, wire) for name in ("rate_dependence", "stribeck_friction") for wire in ("x_out", "x_in")
-    }
+        ("resonance", "x_in"),
+        *((name, wire) for name in ("rate_dependence", "stribeck_friction") for wire in ("x_out", "x_in")),
+    },
+    "sampled_position_loop": {("hysteresis", "u")},
 }
-"""Around a closed loop without a lag, the rate of a signal would need itself."""
+"""Around a closed loop without a lag, the rate of a signal would need itself; a sampled command has none."""
 
 
-UNSTABLE = {("hysteresis", "loop"), ("hysteresis", "branch")}
+UNSTABLE = {("hysteresis", "loop"), ("hysteresis", "branch"), ("resonance", "mode")}
 """Effects and places with which a fast loop may be unstable."""
 
 
