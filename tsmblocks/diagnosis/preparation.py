@@ -88,7 +88,7 @@ class Prepared:
 
         Beside a residual that is far above the noise the evidence has to be sharp: what is missing may delay as well.
         """
-        sharp = (SHARP_DISTANCE, SHARP_CLEAR) if model.mean_square > MAX_SURE_ERROR else ()
+        sharp = (MAX_DISTANCE, SHARP_CLEAR) if model.mean_square > MAX_SURE_ERROR else ()
         if found := self.commands_of(model, *sharp):
             raise OtherCommands(self.commands.joined(found))
 

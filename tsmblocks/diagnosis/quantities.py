@@ -128,11 +128,11 @@ class Estimate:
 
     def _of_instant(self, found: Quantity, candidate: Candidate, size: _Size) -> Quantity:
         """The size, without an interval where it is an instant that may be any: one within a rest."""
-        items, setup = self.model.problem.unknowns.items, self.model.setup
-        instant = {candidate.name_in_block(items[k].parameter) for k in size.of} == {candidate.trials.refine}
-        longest = max(float(np.ptp(one.t)) for one in setup.experiments)
-        open_ = instant and found.high - found.low > 2 * longest
-        return attrs.evolve(found, low=-np.inf, high=np.inf) if open_ else found
+        items = self.model.problem.unknowns.items
+        if {candidate.name_in_block(items[k].parameter) for k in size.of} != {candidate.trials.refine}:
+            return found
+        longest = max(float(np.ptp(one.t)) for one in self.model.setup.experiments)
+        return attrs.evolve(found, low=-np.inf, high=np.inf) if found.high - found.low > 2 * longest else found
 
     def _is_reached(self, candidate: Candidate, size: _Size) -> bool:
         """Whether the signal reaches a size that is a limit; a fit leaves others at the edge of its range."""
