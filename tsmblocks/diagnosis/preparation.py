@@ -54,6 +54,8 @@ delays as well, and a hold takes less than that off."""
 SHARP_DISTANCE, SHARP_CLEAR = 0.1, 10.0
 """Distance of the share of a hold from 1, and that share in its standard deviations, at which it is a hold and nothing
 else that delays: of a gap the share may be anything. Chosen."""
+FAR_DISTANCE = 0.15
+"""The same distance beside a residual that is far above the noise. Chosen: a force that is held is 0.88 there."""
 MAX_SURE_ERROR = 4.0
 """Mean square of a residual [that of the noise] up to which what the outputs show of a hold is hardly due to the model
 error that is left. Chosen: twice the noise."""
@@ -88,7 +90,7 @@ class Prepared:
 
         Beside a residual that is far above the noise the evidence has to be sharp: what is missing may delay as well.
         """
-        sharp = (MAX_DISTANCE, SHARP_CLEAR) if model.mean_square > MAX_SURE_ERROR else ()
+        sharp = (FAR_DISTANCE, SHARP_CLEAR) if model.mean_square > MAX_SURE_ERROR else ()
         if found := self.commands_of(model, *sharp):
             raise OtherCommands(self.commands.joined(found))
 
