@@ -60,7 +60,7 @@ def test_a_constant_has_no_outliers():
 
 
 def test_wrong_readings_are_no_model_error():
-    """They enlarge the residual to three times the noise floor, and are said."""
+    """They make the residual three times the noise floor, and a note counts them."""
     found = tsm.diagnose(GAIN, records(1, share=0.008), effects=["jump", "offset", "odd_nonlinearity"])
     assert found.verdict == "none"
     (note,) = (text for text in found.notes if "wrong readings" in text)

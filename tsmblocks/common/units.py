@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -375,6 +375,11 @@ def is_unit(label: str) -> bool:
     except UnitError:
         return False
     return True
+
+
+def is_one_of(unit: str, dimensions: Collection[Dimension]) -> bool:
+    """Whether a unit is known, and has one of these dimensions."""
+    return bool(unit) and is_unit(unit) and parse(unit).dimension in dimensions
 
 
 def heading(name: str, unit: str) -> str:

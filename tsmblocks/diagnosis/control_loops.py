@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 import attrs
 
 from tsmblocks.blocks import Sum
-from tsmblocks.common.units import UnitError, parse
+from tsmblocks.common.units import is_one_of, parse
 from tsmblocks.diagnosis.signal_paths import blocks_behind, source_of
 from tsmblocks.model.diagram import Diagram
 
@@ -55,7 +55,8 @@ def has_reference(diagram: Diagram, block: str, output: str = "") -> bool:
 def is_elastic(diagram: Diagram, difference: str) -> bool:
     """Whether what reads a difference makes a force of it, by its unit, as a spring does of its deflection."""
     readers = {x.target[0] for x in diagram.links if x.source[0] == difference}
-    return any(_is_force(diagram.unit(f"{head}.y")) for head in readers if "y" in diagram.blocks[head].outports)
+    units = (diagram.unit(f"{head}.y") for head in readers if "y" in diagram.blocks[head].outports)
+    return any(is_one_of(unit, ELASTIC_DIMENSIONS) for unit in units)
 
 
 def in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:
@@ -85,10 +86,3 @@ def _commands(diagram: Diagram, error: str, output: str) -> Iterator[str]:
             controller = x.target[0]
             if controller != output:
                 yield from (".".join(further.target) for further in diagram.links if further.source[0] == controller)
-
-
-def _is_force(unit: str) -> bool:
-    try:
-        return bool(unit) and parse(unit).dimension in ELASTIC_DIMENSIONS
-    except UnitError:
-        return False

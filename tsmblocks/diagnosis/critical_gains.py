@@ -12,7 +12,7 @@ from tsmblocks.diagnosis.oscillation import is_oscillation
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 
 MOTION, SLOW, OSCILLATION = "motion", "slow", "oscillation"
-"""Families of candidates, each with a critical gain of its own."""
+"""Families of candidates, for each of which the level of significance holds."""
 LEVEL_OF_SLOW = 0.01
 """Probability that any slow function of time exceeds the critical gain by chance. Chosen: below that of others, since
 the slow part of a spectrum, which such effects resemble, is known from a few cycles only."""

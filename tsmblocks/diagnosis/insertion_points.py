@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 import attrs
 
 from tsmblocks.blocks import Bias, Sum
-from tsmblocks.common.units import Dimension, UnitError, parse
+from tsmblocks.common.units import is_one_of, parse
 from tsmblocks.diagnosis.control_loops import control_loops, has_reference, in_front, is_elastic
 from tsmblocks.diagnosis.signal_paths import (
     FORCE_TO_POSITION,
@@ -37,9 +37,8 @@ class InsertionPoint:
     """A wire on which a block may be inserted.
 
     ``before`` is the port, or ports with commas, ``after`` the signal or input of the diagram that is cut (one of both
-    is empty).
-    ``signal`` names the signal of the wire, ``other`` a second signal or input that a block there may read, and
-    ``output`` the measured output it leads to.
+    is empty). ``signal`` names the signal of the wire, ``other`` a second signal or input that a block there may read,
+    and ``output`` the measured output it leads to.
     """
 
     place: str
@@ -248,20 +247,12 @@ def own_insertion_point(diagram: Diagram, output: str, effect: Effect) -> Insert
 
 def is_speed(unit: str) -> bool:
     """Whether a unit is that of a speed, of turning or straight on; one that is not known is none."""
-    return _is_one_of(unit, SPEED_DIMENSIONS)
+    return is_one_of(unit, SPEED_DIMENSIONS)
 
 
 def is_no_motion(unit: str) -> bool:
     """Whether a unit is known, and that of no motion."""
-    return _is_one_of(unit, NO_MOTIONS)
-
-
-def _is_one_of(unit: str, dimensions: Collection[Dimension]) -> bool:
-    """Whether a unit is known, and has one of these dimensions."""
-    try:
-        return bool(unit) and parse(unit).dimension in dimensions
-    except UnitError:
-        return False
+    return is_one_of(unit, NO_MOTIONS)
 
 
 def _inner_drives(diagram: Diagram, output: str, nearest: str) -> Iterator[tuple[str, str]]:
@@ -286,7 +277,7 @@ def _inside_the_transmission(diagram: Diagram, output: str, source: str) -> Iter
     """
     for port in upstream_ports(diagram, diagram.shown[output][0]):
         signal = source_of(diagram, port)
-        if signal in diagram.inputs or signal == source or not _is_one_of(diagram.unit(signal), POSITION_DIMENSIONS):
+        if signal in diagram.inputs or signal == source or not is_one_of(diagram.unit(signal), POSITION_DIMENSIONS):
             continue
         head, driven = signal.partition(".")[0], blocks_behind(diagram, port.partition(".")[0])
         if head not in driven:

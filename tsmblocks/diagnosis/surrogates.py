@@ -146,8 +146,9 @@ def surrogates(model: Model, base: ColumnSpace, draws: int, seed: int, *, of_tim
         for rows, own in zip(groups, stretches_of([len(rows) for rows in groups]), strict=True):
             for part in own:
                 result[rows[part]] = rolled(model.r[rows[part]], draws, draw)
+    whole = square(model.r)
     for first in range(0, draws, COLUMNS_AT_A_TIME):  # for memory
         some = slice(first, first + COLUMNS_AT_A_TIME)
         left = base.project_out(result[:, some].astype(float))
-        result[:, some] = left * np.sqrt(square(model.r) / np.maximum(np.einsum("ij,ij->j", left, left), 1e-300))
+        result[:, some] = left * np.sqrt(whole / np.maximum(np.einsum("ij,ij->j", left, left), 1e-300))
     return result
