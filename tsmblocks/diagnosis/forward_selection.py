@@ -11,7 +11,7 @@ from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidate_fits import at_sufficient_step
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.commands import OtherCommands
-from tsmblocks.diagnosis.critical_gains import critical_gains, critical_ratios
+from tsmblocks.diagnosis.critical_gains import critical_gains, critical_multiplicity
 from tsmblocks.diagnosis.decision import (
     Shrinkage,
     Verdict,
@@ -69,7 +69,7 @@ def search_round(
         fits = fits_from_starts(chosen, known, search)
     else:
         fits = fits_beside_rough_base(scores, chosen, known, own, search)
-    multiplicity = critical_ratios(scores, square(model.r))
+    multiplicity = critical_multiplicity(scores, square(model.r))
     if found_in is not None:
         multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}
     limits = critical_gains(scores, square(model.r), multiplicity)
