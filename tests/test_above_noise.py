@@ -32,9 +32,9 @@ def data():
 
 def test_a_residual_far_above_the_noise_is_told_as_in_a_comparison(data):
     fit, compared = tsm.fit(PLAY, data, starts=1), tsm.compare({"play": PLAY}, data, train=1, starts=1)
-    (said,) = (text for text in fit.to_dict()["notes"] if "times the noise" in text)
-    assert said.startswith(f"The residual of x_out is {compared.above_noise:.0f} times the noise (")
-    assert f"its error is {compared.above_noise:.0f} times the noise" in str(compared)
+    (said,) = (text for text in fit.to_dict()["notes"] if "times the noise floor" in text)
+    assert said.startswith(f"The residual of x_out is {compared.above_noise:.0f} times the noise floor (")
+    assert f"its error is {compared.above_noise:.0f} times the noise floor" in str(compared)
     assert compared.above_noise > 10
     assert (
         f" deg rms, {method_text(compared.noise_from)}): the model lacks an effect, and the intervals do not cover it."
@@ -45,7 +45,7 @@ def test_a_residual_far_above_the_noise_is_told_as_in_a_comparison(data):
 
 
 def test_a_residual_of_the_size_of_the_noise_needs_no_word(data):
-    assert "times the noise" not in str(tsm.fit(BOTH, data, starts=1))
+    assert "times the noise floor" not in str(tsm.fit(BOTH, data, starts=1))
 
 
 def test_a_bound_may_be_the_cause(data):
@@ -72,7 +72,7 @@ def answered(diagram=LAG, spike=0.0):
 
 
 def cause(fit):
-    (said,) = (text for text in fit.to_dict()["notes"] if "times the noise" in text)
+    (said,) = (text for text in fit.to_dict()["notes"] if "times the noise floor" in text)
     return said.partition("): ")[2]
 
 
@@ -82,7 +82,7 @@ def test_a_residual_that_decays_from_the_start_is_one_of_initial_states():
         "it is largest at the start and decays, so the initial states may be wrong: "
         "estimate them (start_states=True, --start-states)."
     )
-    assert "times the noise" not in str(tsm.fit(LAG, data, free=["*.time_constant"], starts=1, start_states=True))
+    assert "times the noise floor" not in str(tsm.fit(LAG, data, free=["*.time_constant"], starts=1, start_states=True))
 
 
 def test_a_few_samples_that_hold_most_of_the_residual_are_pointed_at():

@@ -273,7 +273,7 @@ def test_a_table_is_shown_in_degrees(ranked):
 def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     assert ranked.noise == pytest.approx(0.01, rel=0.15)
     assert ranked.above_noise == pytest.approx(ranked.best.figure / ranked.noise)
-    assert str(ranked).startswith(f"slack fits best: its error is {ranked.above_noise:#.2g} times the noise of the")
+    assert str(ranked).startswith(f"slack fits best: its error is {ranked.above_noise:#.2g} times the noise floor")
     assert (
         " deg rms, from repeats: what differs between recordings of the same motion). "
         in str(ranked).replace("\n", " ") + " "
@@ -281,8 +281,8 @@ def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     assert "tsmblocks diagnose" not in str(ranked)
     poor = tsm.compare({"line": LINEAR}, rig(), **QUICK)
     assert poor.above_noise > 1.5
-    assert f"{poor.above_noise:#.2g} times the noise of the recordings (" in str(poor).replace("\n", " ")
-    assert "). Every model leaves more than the noise: all of them lack an effect, " in str(poor).replace("\n", " ")
+    assert f"{poor.above_noise:#.2g} times the noise floor (" in str(poor).replace("\n", " ")
+    assert "). Every model leaves more than noise: all of them lack an effect, " in str(poor).replace("\n", " ")
     assert "A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it." in str(poor).replace("\n", " ")
     assert poor.to_dict()["noise"] == poor.noise
 

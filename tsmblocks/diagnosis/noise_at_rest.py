@@ -10,8 +10,9 @@ from tsmblocks.data import Record
 from tsmblocks.data.noise_floor import noise_over_recordings
 from tsmblocks.data.noise_methods import STAND_STILL
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.noise_floor import MAX_FLOOR_RATIO, NoiseFloors
+from tsmblocks.diagnosis.noise_floor import NoiseFloors
 from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.fitting.above_noise import MAX_FLOOR_RATIO
 from tsmblocks.fitting.recordings import as_recorded
 
 

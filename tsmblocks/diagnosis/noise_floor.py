@@ -10,18 +10,12 @@ import numpy as np
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import conditioned
-from tsmblocks.data.fast_noise import sample_to_sample_noise
 from tsmblocks.data.filters import white_noise_power
-from tsmblocks.data.noise_floor import (
-    HIGH_FREQUENCIES,
-    MIN_NOISE_SAMPLES,
-    Noise,
-    fast_noise_of_recordings,
-    noise_over_recordings,
-)
+from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, Noise, fast_noise_of_recordings, noise_over_recordings
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.fitting.above_noise import MAX_FLOOR_RATIO, contains_jumps, fast_noise
 from tsmblocks.fitting.recordings import as_recorded
 from tsmblocks.model.diagram import Diagram
 
@@ -36,9 +30,6 @@ error that is larger, and not predicted, is not called noise."""
 BURST_RATIO = 2.0
 """Mean square of a noise over that of its median time block, at most. Source: 1.4 at most on independent benches whose
 noise comes in bursts, and 1.9 to 3.4 with disturbances that come and go."""
-MAX_FLOOR_RATIO = 1.5
-"""Noise floor over residual rms from which the floor is implausible. Chosen: noise alone gives about 1."""
-
 MAX_FINAL_FLOOR_RATIO = 1.15
 """Noise floor over the residual rms of the final model from which the floor is too high. Chosen: the error of a good
 estimate, and the part of the noise that fitted parameters absorb."""
@@ -172,19 +163,14 @@ def _estimated(records: Mapping[str, Record], diagram: Diagram, name: str) -> No
 
 
 def fast_noise_of_residuals(model: Model) -> dict[str, float]:
-    """The noise from sample to sample in the residuals of each output [its floor], the median over experiments.
-
-    Jumps of an output that the model simulates are not in it: where an input passes to the output at once, those of a
-    staircase look like noise.
-    """
-    result, count = dict[str, float](), len(model.setup.outputs)
-    for k, name in enumerate(model.setup.outputs):
-        own = zip(model.setup.experiments, model.problem.segments[k::count], strict=True)
-        found = [
-            sample_to_sample_noise(one.t, model.r[rows]).floor for one, rows in own if len(one.t) >= MIN_NOISE_SAMPLES
-        ]
-        result[name] = float(np.median(found)) if found else np.inf
-    return result
+    """The noise from sample to sample in the residuals of each output [its floor], the median over experiments."""
+    outputs, parts = model.setup.outputs, model.problem.segments
+    return {
+        name: fast_noise(
+            (one.t, model.r[rows]) for one, rows in zip(model.setup.experiments, parts[k :: len(outputs)], strict=True)
+        )
+        for k, name in enumerate(outputs)
+    }
 
 
 def lowered_noise_floors(
@@ -202,7 +188,7 @@ def lowered_noise_floors(
     sigma, method, more_notes = dict(found.sigma), dict(found.method), list[str]()
     low, high, recordings = dict(found.low), dict(found.high), dict(found.recordings)
     for name, share in residual_rms.items():
-        with_jumps = method[name] == HIGH_FREQUENCIES and fast_residual[name] * MAX_FLOOR_RATIO < 1
+        with_jumps = contains_jumps(1.0, method[name], fast_residual[name])
         if share * MAX_FLOOR_RATIO >= 1 and not with_jumps:
             continue
         unit = as_recorded(diagram, name, records.values())

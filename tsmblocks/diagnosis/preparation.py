@@ -128,8 +128,8 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
     if more := found.commands_of(found.base, ROUGH_DISTANCE):
         other = prepared(part, request, progress, commands.joined(more))
         doubtful = more.held and found.commands_of(found.base, SHARP_DISTANCE, SHARP_CLEAR).held != more.held
-        most = MAX_ERROR_SHARE if doubtful else 1.0
-        if other.error < most * found.error and confirmed(other.base, found.base.setup):
+        enough = other.base.mean_square <= MAX_SURE_ERROR and other.error < MAX_ERROR_SHARE * found.error
+        if (enough or not doubtful) and other.error < found.error and confirmed(other.base, found.base.setup):
             return other
     return found
 

@@ -9,12 +9,13 @@ import numpy as np
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
-from tsmblocks.diagnosis.noise_floor import MAX_FINAL_FLOOR_RATIO, MAX_FLOOR_RATIO
+from tsmblocks.diagnosis.noise_floor import MAX_FINAL_FLOOR_RATIO
 from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, floor_text, main_sizes, output_traces
 from tsmblocks.diagnosis.rejection import LEAVES_MORE, NOT_ACCEPTED
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.effects.sizes import MILLISECONDS
+from tsmblocks.fitting.above_noise import MAX_FLOOR_RATIO
 from tsmblocks.fitting.input_checks import runs_ahead
 
 REMAINING_ERROR_RATIO = 1.1

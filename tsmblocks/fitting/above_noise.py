@@ -10,7 +10,8 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
-from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, method_text, noise_of_recordings
+from tsmblocks.data.fast_noise import sample_to_sample_noise
+from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, MIN_NOISE_SAMPLES, method_text, noise_of_recordings
 from tsmblocks.fitting.residual_cause import cause_text, spike_text, starts_wrong
 from tsmblocks.fitting.score import Difference, Differences
 
@@ -24,12 +25,35 @@ NEGLIGIBLE = 1e-4
 Chosen."""
 
 
-def output_noise(name: str, unit: str, records: Mapping[str, Record], inputs: Iterable[str]) -> tuple[float, str]:
-    """Noise of an output, rms in ``unit``, and how it was estimated; NaN without an estimate."""
+MAX_FLOOR_RATIO = 1.5
+"""Noise of an output over that of a residual from which it is implausible. Chosen: noise alone gives about 1."""
+
+
+def output_noise(own: Sequence[Difference], records: Mapping[str, Record], inputs: Iterable[str]) -> tuple[float, str]:
+    """Noise of an output, rms in its unit, and how it was estimated; NaN without an estimate.
+
+    ``own`` are the residuals of that output by experiment.
+    """
     try:
-        return noise_of_recordings(records, name, unit, inputs)
+        noise, method = noise_of_recordings(records, own[0].output, own[0].unit, inputs)
     except DataError:  # too few samples
         return float("nan"), ""
+    fast = fast_noise((d.t, d.residual) for d in own)
+    return (fast if contains_jumps(noise, method, fast) else noise), method
+
+
+def fast_noise(residuals: Iterable[tuple[np.ndarray, np.ndarray]]) -> float:
+    """The noise from sample to sample in residuals (times, values), the median; infinite where all are too short."""
+    found = [sample_to_sample_noise(t, r).floor for t, r in residuals if len(t) >= MIN_NOISE_SAMPLES]
+    return float(np.median(found)) if found else np.inf
+
+
+def contains_jumps(noise: float, method: str, fast: float) -> bool:
+    """Whether the fast noise of an output holds jumps that a model simulates, whose residual has the ``fast`` noise.
+
+    Where an input passes to the output at once, those of a staircase look like noise.
+    """
+    return method == HIGH_FREQUENCIES and fast * MAX_FLOOR_RATIO < noise
 
 
 def factor_text(ratio: float) -> str:
@@ -69,12 +93,12 @@ def beyond_noise(fit: Fit) -> list[str]:
 
 def _far(fit: Fit, own: Sequence[Difference]) -> list[str]:
     """A caution where the residual of an output is far above the noise."""
-    noise, method = output_noise(own[0].output, own[0].unit, fit.records, fit.diagram.inports)
+    noise, method = output_noise(own, fit.records, fit.diagram.inports)
     if not is_far(own, noise):
         return []
     k, unit = units.display_unit(own[0].unit)
     size = f"{k * noise:.3g} {unit}".rstrip()
     return [
-        f"The residual of {own[0].output} is {factor_text(_rms(own) / noise)} times the noise ({size} rms, "
+        f"The residual of {own[0].output} is {factor_text(_rms(own) / noise)} times the noise floor ({size} rms, "
         f"{method_text(method)}): {cause_text(fit, own, only_fast=method == HIGH_FREQUENCIES)}"
     ]

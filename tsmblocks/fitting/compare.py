@@ -189,16 +189,16 @@ def _ranked(
         raise RunError(f"none of the models could be fitted. {' '.join(faults)}")
     unit = next((row.train.unit for row in rows if row.train is not None), "")
     ranked = tuple(sorted(rows, key=lambda row: row.figure))
-    noise = _noise(ranked[0], records, models[ranked[0].name])
+    noise = _noise(ranked[0], records, models[ranked[0].name].inports)
     return Comparison(ranked, unit, interrupted or rows[-1].interrupted, notes, *noise)
 
 
-def _noise(best: Row, records: Mapping[str, Record], diagram: Diagram) -> tuple[float, str]:
+def _noise(best: Row, records: Mapping[str, Record], inputs: Iterable[str]) -> tuple[float, str]:
     """Noise of the compared output and how it was estimated; NaN for several outputs, or without an estimate."""
-    names = {d.output for d in best.train or ()}
-    if len(names) != 1:
+    own = list(best.train or ())
+    if len({d.output for d in own}) != 1:
         return float("nan"), ""
-    return output_noise(name := names.pop(), diagram.unit(name), records, diagram.inports)
+    return output_noise(own, records, inputs)
 
 
 def ready_made() -> list[str]:

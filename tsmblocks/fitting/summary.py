@@ -194,8 +194,7 @@ def _is_far(setup: Setup, differences: Differences) -> bool:
     """Whether the residual of an output is far above its noise."""
     records = {experiment.name: experiment.record for experiment in setup.experiments}
     inputs = setup.diagram.inports
-    material = ((own, own[0].output, own[0].unit) for own in material_residuals(differences))
-    return any(is_far(own, output_noise(name, unit, records, inputs)[0]) for own, name, unit in material)
+    return any(is_far(own, output_noise(own, records, inputs)[0]) for own in material_residuals(differences))
 
 
 def _fixed_in_doubt(problem: Problem, setup: Setup, at: _Optimum) -> dict[str, tuple[str, ...]]:

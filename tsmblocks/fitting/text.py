@@ -250,11 +250,11 @@ def _beside_noise(comparison: Comparison) -> list[str]:
         return []
     k, unit = for_people(comparison)
     size = f"{k * comparison.noise:.3g} {unit}".rstrip()
-    text = f"{name} fits best: its error is {factor_text(ratio)} times the noise of the recordings ({size} rms, "
+    text = f"{name} fits best: its error is {factor_text(ratio)} times the noise floor ({size} rms, "
     text += f"{method_text(comparison.noise_from)})."
     if ratio >= FAR:
         text += (
-            " Every model leaves more than the noise: all of them lack an effect, or are simulated with the wrong hold "
+            " Every model leaves more than noise: all of them lack an effect, or are simulated with the wrong hold "
             "or step. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
         )
     return [textwrap.fill(text, line_width(), break_on_hyphens=False)]
