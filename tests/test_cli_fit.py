@@ -242,7 +242,7 @@ def test_compare_ranks_and_writes_the_best(run):
     lines = out.splitlines()
     assert lines[0] == "fitted to the first 50 % of each recording, ranked on the rest"
     assert lines[2].startswith("play fits best: its error is ")
-    assert lines[5] == "model   parameters  rms held out [deg]  rms fitted [deg]"
+    assert lines[5] == "model   parameters  rms held-out [deg]  rms in-sample [deg]"
     assert [line.split()[:2] for line in lines[6:8]] == [["play", "3"], ["linear", "2"]]
     assert all(0.2 < float(cell) < 0.4 for cell in lines[6].split()[2:])
     assert lines[-3:] == ["", "wrote b.toml", "wrote b.png"]
@@ -313,7 +313,7 @@ def test_every_file_by_itself(run):
     status, out, err = run(*words, "--out", "b.toml", "--plot", "b.png")
     assert (status, err) == (0, "")
     lines = out.splitlines()
-    assert lines[2] == "rms held out [deg], each file fitted separately; * marks the best"
+    assert lines[2] == "rms held-out [deg], each file fitted separately; * marks the best"
     assert lines[4].split() == ["model", "sheath", "stiff", "all"]
     assert [line.split()[0] for line in lines[5:7]] == ["play", "linear"]
     assert [cell.endswith("*") for cell in lines[5].split()[1:]] == [True] * 3

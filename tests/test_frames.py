@@ -165,9 +165,9 @@ def test_models_compared_are_a_frame_the_best_first(record):
     found = tsm.compare(["linear", "play"], record, train=0.5)
     frame = found.to_pandas()
     assert list(frame.index) == [row.name for row in found]
-    assert frame["rms held out"].tolist() == [row.figure for row in found]
-    assert frame["rms held out"].is_monotonic_increasing
-    assert frame.attrs["units"] == {"rms fitted": "rad", "rms held out": "rad"}
+    assert frame["rms held-out"].tolist() == [row.figure for row in found]
+    assert frame["rms held-out"].is_monotonic_increasing
+    assert frame.attrs["units"] == {"rms in-sample": "rad", "rms held-out": "rad"}
 
 
 def test_candidates_of_a_diagnosis_are_a_frame():

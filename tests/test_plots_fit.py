@@ -162,11 +162,11 @@ def test_a_comparison_shows_every_model_and_the_best_in_detail(comparison):
     errors, loop, residual = made.axes
     best = comparison.best
     figures = np.degrees([row.figure for row in comparison])[::-1]
-    np.testing.assert_allclose(line(errors, "rms held out").get_xdata(), figures)
+    np.testing.assert_allclose(line(errors, "rms held-out").get_xdata(), figures)
     np.testing.assert_allclose(
-        line(errors, "rms fitted").get_xdata(), np.degrees([row.train.rms for row in comparison])[::-1]
+        line(errors, "rms in-sample").get_xdata(), np.degrees([row.train.rms for row in comparison])[::-1]
     )
-    assert errors.get_xlabel() == "rms held out [deg]"
+    assert errors.get_xlabel() == "rms held-out [deg]"
     assert [text.get_text() for text in errors.get_yticklabels()] == [
         f"{row.name}  {np.degrees(row.figure):.3g}" for row in comparison.rows[::-1]
     ]

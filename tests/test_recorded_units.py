@@ -77,7 +77,7 @@ def test_a_quantity_of_another_kind_leaves_a_unit_as_it_was():
 def test_a_comparison_is_in_the_unit_of_the_recording():
     models = {"right": press(), "wrong": press(1e6)}
     compared = tsm.compare(models, recorded(), free={name: ["flow.gain"] for name in models}, outputs=["p"])
-    assert "rms fitted [bar]" in str(compared)
+    assert "rms in-sample [bar]" in str(compared)
     assert "bar rms" in " ".join(str(compared).split())
     assert compared.to_dict()["unit"] == "Pa"
 

@@ -144,12 +144,12 @@ class Comparison:
         Returns
         -------
         pandas.DataFrame
-            A row per model, best first: parameters, rms fitted and held out, fault. Needs pandas.
+            A row per model, best first: parameters, rms in-sample and held out, fault. Needs pandas.
         """
         columns = {
             "parameters": [r.parameters for r in self],
-            "rms fitted": [np.nan if r.train is None else r.train.rms for r in self],
-            "rms held out": [np.nan if r.held_out is None else r.held_out.rms for r in self],
+            "rms in-sample": [np.nan if r.train is None else r.train.rms for r in self],
+            "rms held-out": [np.nan if r.held_out is None else r.held_out.rms for r in self],
             "fault": [r.fault for r in self],
         }
         return frame(columns, [r.name for r in self], "model", {k: self.unit for k in columns if k.startswith("rms")})

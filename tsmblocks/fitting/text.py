@@ -230,7 +230,7 @@ def ranking_rows(comparison: Comparison) -> list[tuple[str, ...]]:
     """The rows of the table of models that could be fitted, the heading first: model, parameters, errors."""
     k, unit = for_people(comparison)
     whole = all(row.held_out is None for row in comparison)
-    head = ("model", "parameters", heading("rms held out", unit), heading("rms fitted", unit))
+    head = ("model", "parameters", heading("rms held-out", unit), heading("rms in-sample", unit))
     rows: list[tuple[str, ...]] = [(*head[:2], head[3]) if whole else head]
     vague = any(open_numbers(row.fit) for row in comparison if row.fit is not None)
     rows[0] += ("",) * vague
@@ -296,7 +296,7 @@ def by_file(found: Mapping[str, Comparison]) -> str:
         text = split_columns(
             [["file", *(f"{name} " for name in names[1:])], *([c[0].strip(), *c[1:]] for c in figures_by_file)]
         )
-    what = "rms" if all(row.held_out is None for one in found.values() for row in one) else "rms held out"
+    what = "rms" if all(row.held_out is None for one in found.values() for row in one) else "rms held-out"
     said = [
         f"{best}, {name}: {words}"
         for name, one in found.items()

@@ -210,7 +210,7 @@ def _errors(panel: Any, comparison: Comparison) -> None:
     label, places = _error_label([comparison]), range(len(rows))
     panel.plot(errors, places, "o", color=MODEL, ms=5, label=label)
     if label != "rms":
-        panel.plot(fitted, places, "D", color=INK, mfc="none", ms=4, mew=0.7, label="rms fitted")
+        panel.plot(fitted, places, "D", color=INK, mfc="none", ms=4, mew=0.7, label="rms in-sample")
     texts = [f"{error:.3g}" if np.isfinite(error) else "-" for error in errors]
     panel.set_yticks(places, [f"{row.name}  {text}" for (row, _), text in zip(rows, texts, strict=True)])
     panel.set_ylim(-0.6, len(rows) - 0.4)
@@ -243,7 +243,7 @@ def plot_each(comparisons: Mapping[str, Comparison], ax: Any = None, *, width: f
 
 def _error_label(comparisons: Iterable[Comparison]) -> str:
     held_out = any(row.held_out is not None for one in comparisons for row in one)
-    return "rms held out" if held_out else "rms"
+    return "rms held-out" if held_out else "rms"
 
 
 def _over_models(panel: Any, unit: str, label: str) -> None:
