@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import tsmblocks as tsm
 from tsmblocks import blocks as b
 from tsmblocks.diagnosis.oscillation import repeats_another
 
@@ -44,3 +45,26 @@ def test_without_a_scale_no_period_over_a_position_is_judged():
     model, one = model_and_candidate(b.Ripple, "cycles", 20.0, 20.0)
     one.scales = None
     assert not repeats_another(model, one)
+
+
+LAG = tsm.Diagram(
+    blocks={"lag": b.FirstOrderLag(time_constant=0.1)}, inputs={"u": tsm.Inlet("lag", unit="rad")}, outputs={"y": "lag"}
+)
+
+
+def disturbed(sign, phase):
+    """A motion, or the opposite one, and an error of 0.83 Hz that is no harmonic of it."""
+    t = np.arange(0.0, 20.0, 0.01)
+    u = sign * sum(np.sin(2 * np.pi * f * t + k) for k, f in enumerate((0.31, 0.47, 1.13, 1.71)))
+    y = np.asarray(tsm.simulate(LAG, inputs={"u": (t, u)}, step=0.01)["y"])
+    noise = 0.01 * np.random.default_rng(int(10 * phase) + 5).standard_normal(len(t))
+    y = y + 0.05 * np.sin(2 * np.pi * 0.83 * t + phase) + noise
+    return tsm.Record(f"{sign}", t, {"u": u, "y": y}, {"u": "rad", "y": "rad"})
+
+
+@pytest.mark.parametrize(("second", "named"), [(np.pi, False), (np.pi + 1.0, True)])
+def test_an_oscillation_that_turns_with_the_motion_is_no_disturbance(second, named):
+    records = [disturbed(1, 0.0), disturbed(-1, second)]
+    found = tsm.diagnose(LAG, records, effects=["periodic_disturbance"], noise_floor="0.01rad")
+    assert [one.name for one in found.effects] == ["periodic_disturbance"] * named
+    assert ("it comes back with the motion" in found.details()) != named

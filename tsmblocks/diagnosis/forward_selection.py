@@ -28,7 +28,7 @@ from tsmblocks.diagnosis.general_forms import generalized
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, converged, nearest, with_accurate_step, with_sufficient_step
 from tsmblocks.diagnosis.noise_filtering import filters_noise
-from tsmblocks.diagnosis.oscillation import follows_motion, repeats_another
+from tsmblocks.diagnosis.oscillation import comes_back_with_motion, follows_motion, is_oscillation, repeats_another
 from tsmblocks.diagnosis.own_parameters import at_own_parameters
 from tsmblocks.diagnosis.partition import ROUGH_ERROR
 from tsmblocks.diagnosis.round_fits import fits_beside_rough_base, fits_from_starts, with_memories
@@ -97,6 +97,8 @@ def _why_untenable(
     """
     if follows_motion(fitted, candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
         return "its frequency is that of the motion"
+    if is_oscillation(candidate) and comes_back_with_motion(fitted, candidate):
+        return "it comes back with the motion"
     if repeats_another(fitted, candidate):
         return "the same oscillation again"
     if filters_noise(fitted, candidate, search.input_noise):

@@ -1,6 +1,8 @@
-"""Oscillations that are no effect in addition: at a harmonic of the motion, or as another one in the model."""
+"""Oscillations that are no effect in addition: those that follow the motion, or another one in the model."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 
@@ -13,6 +15,13 @@ MIN_LINE_SHARE = 0.1
 """Share of an input's variance at one frequency from which that is a frequency of the motion. Chosen."""
 FREQUENCIES = 41
 """Frequencies at which a line of the motion is looked for, over twice the resolution. Chosen: a twentieth of it."""
+
+SAME_MOTION = 0.98
+"""Correlation of each input in two experiments from which the motion is the same. Chosen: noise and a late start lower
+it, and other motions of one kind have less."""
+SAME_SIZE = 0.15
+"""Difference of the amplitudes and phases of an oscillation in two experiments, as a share of it, up to which it is the
+same. Derived: phases agree as well by chance in one case of twenty."""
 
 PERIODS = ("frequency", "cycles")
 """Parameters that give the period of an oscillation, over the time or over a position."""
@@ -33,6 +42,23 @@ def follows_motion(model: Model, candidate: Candidate) -> bool:
     own = [v for item, v in unknowns if item.parameter in candidate.free and item.parameter.endswith(".frequency")]
     harmonics = range(1, MAX_HARMONIC + 1)
     return any(_is_harmonic(model, name, f, k) for f in own for k in harmonics for name in model.diagram.inputs)
+
+
+def comes_back_with_motion(model: Model, candidate: Candidate) -> bool:
+    """Whether an oscillation has the same amplitude and phase in two experiments of the same motion.
+
+    In experiments of opposite motion, the opposite one. It is a function of the motion then, and not of the time.
+    """
+    values: dict[str, list[float]] = {}
+    for item, value in zip(model.problem.unknowns.items, model.theta.tolist(), strict=True):
+        if item.experiment and item.parameter in candidate.local:
+            values.setdefault(item.experiment, []).append(value)
+    pairs = itertools.combinations({k: np.array(v) for k, v in values.items()}.items(), 2)
+    for (name, one), (other_name, other) in pairs:
+        sign = _sign_of_motion(model, name, other_name)
+        if sign and np.linalg.norm(one - sign * other) <= SAME_SIZE * max(np.linalg.norm(one), np.linalg.norm(other)):
+            return True
+    return False
 
 
 def repeats_another(model: Model, candidate: Candidate) -> bool:
@@ -64,6 +90,21 @@ def _is_harmonic(model: Model, name: str, frequency: float, k: int) -> bool:
     near = frequency / k + resolution * np.linspace(-1, 1, FREQUENCIES)
     line = near[int(np.argmax([_line_share(model, name, f) for f in near]))]
     return bool(abs(frequency - k * line) <= resolution / 2)
+
+
+def _sign_of_motion(model: Model, name: str, other_name: str) -> float:
+    """1 where all inputs of two experiments are the same, -1 where they are opposite, 0 where they are neither."""
+    records = {one.name: one.record for one in model.setup.experiments}
+    if not {name, other_name} <= records.keys():
+        return 0.0  # they are in pieces
+    signs = set()
+    for k in model.diagram.inputs:
+        one, other = (records[key][k] for key in (name, other_name))
+        n = min(len(one), len(other))
+        if min(np.ptp(one[:n]), np.ptp(other[:n])) > 0:
+            alike = float(np.corrcoef(one[:n], other[:n])[0, 1])
+            signs.add(float(np.sign(alike)) if abs(alike) >= SAME_MOTION else 0.0)
+    return signs.pop() if len(signs) == 1 else 0.0
 
 
 def _line_share(model: Model, name: str, frequency: float) -> float:
