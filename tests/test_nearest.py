@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Gain
+from tsmblocks.blocks import Gain, TransferFunction
 from tsmblocks.diagnosis.model import ModelSettings, calibrate
 from tsmblocks.fitting.nearest import nearest_of
 from tsmblocks.fitting.optimizer import OptimizerResult
@@ -86,3 +86,21 @@ def test_what_the_data_determine_stays_as_it_is():
     problem, setup = pose(TOLD, BENDS)  # initial states are fixed, so nothing is left open
     ends = [OptimizerResult(problem.unknowns.start, 1.0, "converged", 0, 0)]
     assert nearest_of(problem, setup, ends) == ends
+
+
+def test_coefficients_of_a_transfer_function_keep_the_size_of_the_diagrams_own():
+    """Of those that are zero in the diagram a smaller common factor is nearer, and it went to 1e-6 of all."""
+    arm = tsm.Diagram(
+        blocks={"arm": TransferFunction(num=(1.0, 0.0, 0.0), den=(1.0, 2.0, 400.0))},
+        inputs={"u": tsm.Inlet("arm", unit="Nm")},
+        outputs={"a": "arm"},
+    )
+    true = arm.with_parameters({"arm.num": (0.2, 0.5, -150.0), "arm.den": (1.0, 1.0, 440.0)})
+    u = np.sin(1.1 * T) + np.sin(14 * T + 1) + np.sin(25 * T)
+    a = tsm.simulate(true, inputs={"u": (T, u)}, step=0.005, hold="cubic")
+    y = np.interp(T, a.t, a["a"]) + np.random.default_rng(0).normal(0, NOISE, T.size)
+    record = tsm.Record("arm", T, {"u": u, "a": y}, {"u": "Nm", "a": ""})
+    fit = tsm.fit(arm, record, free=["arm.num*", "arm.den*"], starts=1, hold="cubic")
+    found = np.array([fit[f"arm.{k}"].value for k in ("num[0]", "num[1]", "num[2]", "den[0]", "den[1]", "den[2]")])
+    np.testing.assert_allclose(found / found[-1] * 440, (0.2, 0.5, -150.0, 1.0, 1.0, 440.0), rtol=0.05, atol=0.1)
+    assert 200 < found[-1] < 800

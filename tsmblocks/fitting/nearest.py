@@ -18,7 +18,7 @@ from tsmblocks.fitting.optimizer import OptimizerResult, within_bounds
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
-from tsmblocks.fitting.summary import active_constraints, unknown_sizes
+from tsmblocks.fitting.summary import active_constraints, natural_sizes, unknown_sizes
 
 SUSPECT = 1e-9
 """Least eigenvalue, relative to the largest with all parameters scaled alike, below which there may be a null
@@ -51,11 +51,11 @@ def nearest_of(
     best = ends[0]
     if best.plateau is not None or best.status == "interrupted" or not _may_be_open(problem, best.theta):
         return list(ends)
-    move = _Moves(problem, setup, unknown_sizes(problem, problem.unknowns.start, problem.jacobian(best.theta)[1]))
     least = best.cost + max(ALIKE * best.cost, problem.rounding, tolerance)
-    alike = [k for k, end in enumerate(ends) if end.cost <= least]
-    alike = sorted(alike, key=lambda k: (round(move.distance(ends[k].theta), DIGITS), k))[:MOST_MOVED]
-    moved = {k: move.to_nearest(ends[k]) for k in alike}
+    same = {k: _with_own_factors(problem, setup, end) for k, end in enumerate(ends) if end.cost <= least}
+    move = _Moves(problem, setup, _natural_sizes(problem, same[0].theta))
+    alike = sorted(same, key=lambda k: (round(move.distance(same[k].theta), DIGITS), k))[:MOST_MOVED]
+    moved = {k: move.to_nearest(same[k]) for k in alike}
     first = min(alike, key=lambda k: (round(move.distance(moved[k].theta), DIGITS), k))
     return [moved[first], *(end for k, end in enumerate(ends) if k != first)]
 
@@ -68,6 +68,39 @@ def _may_be_open(problem: Problem, theta: np.ndarray) -> bool:
         return True
     values = np.linalg.eigvalsh(matrix / np.outer(size, size))
     return bool(values[0] <= SUSPECT * values[-1])
+
+
+def _natural_sizes(problem: Problem, theta: np.ndarray) -> np.ndarray:
+    """Size of each unknown where the search began; of one that began at zero, by its effect at ``theta``."""
+    start, jacobian = problem.unknowns.start, problem.jacobian(theta)[1]
+    return np.maximum(unknown_sizes(problem, start, jacobian), natural_sizes(problem, jacobian))
+
+
+def _with_own_factors(problem: Problem, setup: Setup, end: OptimizerResult) -> OptimizerResult:
+    """The end with the parameters of blocks with a free common factor brought to the size of the diagram's own.
+
+    So have the coefficients of a transfer function. Steps would shrink those to nothing of which some are zero in the
+    diagram: these are nearest to it there.
+    """
+    known, start, theta = numbers(setup.diagram), problem.unknowns.start, end.theta
+    blocks: dict[str, list[int]] = {}
+    for k, item in enumerate(problem.unknowns.items):
+        if not is_start(known[item.parameter]):
+            blocks.setdefault(item.parameter.partition(".")[0], []).append(k)
+    for own in blocks.values():
+        ratios = theta[own][start[own] != 0] / start[own][start[own] != 0]
+        if 0 < len(ratios) < len(own) and (square := float(ratios @ ratios)) > 0:
+            factor = float(ratios.sum()) / square
+            scaled = theta.copy()
+            scaled[own] *= factor
+            if factor > 0 and np.array_equal(scaled, within_bounds(problem, scaled)):
+                theta = scaled if _is_as_good(problem, scaled, end.cost) else theta
+    return end if theta is end.theta else attrs.evolve(end, theta=theta)
+
+
+def _is_as_good(problem: Problem, theta: np.ndarray, cost: float) -> bool:
+    """Whether the cost does not rise above that of an end of a search."""
+    return problem.violation(theta) <= 0 and problem.cost(theta) <= (1 + SAME_COST) * cost + problem.rounding
 
 
 @attrs.define(eq=False)

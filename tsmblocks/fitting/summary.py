@@ -232,12 +232,17 @@ def _moved(at: _Optimum, residuals: np.ndarray) -> np.ndarray:
 
 def unknown_sizes(problem: Problem, theta: np.ndarray, jacobian: Jacobian) -> np.ndarray:
     """Magnitude of each unknown; of one that started at zero, what changes the outputs by their own norm."""
+    made = sizes(theta, problem.unknowns.start, problem.unknowns.low, problem.unknowns.high)
+    natural = natural_sizes(problem, jacobian)
+    return np.where((natural > 0) & (natural < made), np.maximum(np.abs(theta), natural), made)
+
+
+def natural_sizes(problem: Problem, jacobian: Jacobian) -> np.ndarray:
+    """What changes the outputs by their own norm of each unknown that started at zero; 0 of all others."""
     low, high, start = problem.unknowns.low, problem.unknowns.high, problem.unknowns.start
-    made, sensitivity = sizes(theta, start, low, high), jacobian.norms
-    whole = problem.size * np.sqrt(problem.samples)
+    sensitivity, whole = jacobian.norms, problem.size * np.sqrt(problem.samples)
     open_ = (start == 0) & ~np.isfinite(high - low) & (sensitivity > 0) & (whole > 0)
-    natural = whole / np.where(open_, sensitivity, 1.0)
-    return np.where(open_ & (natural < made), np.maximum(np.abs(theta), natural), made)
+    return np.where(open_, whole / np.where(open_, sensitivity, 1.0), 0.0)
 
 
 def _fitted(diagram: Diagram, problem: Problem, theta: np.ndarray, e: int) -> Diagram:
