@@ -20,11 +20,13 @@ def score(seed, family="map", scale=1.0, shapes=1):
     return Score(
         candidate=SimpleNamespace(effect=SimpleNamespace(family=family, name=family, free=(), local=())),
         noise_gains=gains,
+        squares=TOTAL,
+        noise_squares=TOTAL,
     )
 
 
 def limit(one, scores, multiplicity=None):
-    return critical_gains(scores, TOTAL, multiplicity or critical_multiplicity(scores, TOTAL))[one]
+    return critical_gains(scores, multiplicity or critical_multiplicity(scores))[one]
 
 
 def test_one_candidate_is_held_against_its_own_gains_in_noise():
@@ -34,7 +36,7 @@ def test_one_candidate_is_held_against_its_own_gains_in_noise():
 
 def test_one_in_twenty_searches_among_many_exceeds_any_limit_in_noise():
     every = [score(k) for k in range(20)]
-    limits = critical_gains(every, TOTAL, critical_multiplicity(every, TOTAL))
+    limits = critical_gains(every, critical_multiplicity(every))
     exceeded = np.any([one.noise_gains > limits[one] for one in every], axis=0)
     assert np.mean(exceeded) == pytest.approx(0.05, abs=0.01)
 
@@ -43,7 +45,7 @@ def test_an_effect_that_was_the_best_of_many_is_held_against_as_many_when_it_is_
     every = [score(k) for k in range(20)]
     among = limit(every[3], every)
     assert limit(every[3], every[3:4]) < 0.7 * among
-    assert limit(every[3], every[3:4], critical_multiplicity(every, TOTAL)) == pytest.approx(among)
+    assert limit(every[3], every[3:4], critical_multiplicity(every)) == pytest.approx(among)
 
 
 def test_a_candidate_of_many_shapes_does_not_hide_one_of_few():

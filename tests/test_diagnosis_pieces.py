@@ -86,7 +86,7 @@ def test_an_error_that_does_not_grow_is_seen_in_whole_recordings_with_what_is_sl
         i = 0.8 * np.sum(np.cos(2 * np.pi * f * t[:, None] + phase), axis=1)
         charge = np.cumsum(np.r_[0.0, (i[1:] + i[:-1]) / 2 * 0.2])
         v = 3.7 - (0.033 + 0.004 * np.sign(i)) * i - 6.7e-5 * charge
-        v += (seed == 3) * 0.0016 * (t > 150.0) + draw.normal(0.0, 3e-4, len(t))
+        v += (seed == 3) * 0.0012 * (t > 150.0) + draw.normal(0.0, 3e-4, len(t))
         runs.append(tsm.Record(f"r{seed}", t, {"i": i, "v": v}, {"i": "A", "v": "V"}))
     effects = ["asymmetric_gain", "even_nonlinearity", "odd_nonlinearity", "jump", "drift"]
     found = tsm.diagnose(cell, runs, free=["r0.gain", "charge.gain", "ocv.value"], effects=effects)

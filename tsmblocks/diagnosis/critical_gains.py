@@ -39,19 +39,17 @@ def is_of_time(candidate: Candidate) -> bool:
     return effect.family == "time" or (effect.name == OFFSET and bool(getattr(effect, "local", ())))
 
 
-def critical_gains(
-    scores: Sequence[ScreeningScore], total: float, multiplicity: Mapping[str, float]
-) -> dict[ScreeningScore, float]:
+def critical_gains(scores: Sequence[ScreeningScore], multiplicity: Mapping[str, float]) -> dict[ScreeningScore, float]:
     """The gain [noise variances] of each candidate that any of them exceeds in noise alone with a probability of 5 %.
 
-    Of slow functions of time, 1 %. ``total`` is the sum of squares of the residual. Gains count as they do in an
-    F-test, gain over the rest. ``multiplicity`` is that of ``critical_multiplicity``.
+    Of slow functions of time, 1 %. Gains count as they do in an F-test, gain over the rest. ``multiplicity`` is that of
+    ``critical_multiplicity``.
     """
     result = {}
     for one in scores:
-        middle, spread = _middle_and_spread(_ratios(one, total))
+        middle, spread = _middle_and_spread(_ratios(one))
         limit = (middle + multiplicity[family_of(one.candidate)] * spread) ** (1 / NORMAL_POWER)
-        result[one] = total * limit / (1 + limit)
+        result[one] = one.squares * limit / (1 + limit)
     return result
 
 
@@ -62,7 +60,7 @@ def family_of(candidate: Candidate) -> str:
     return OSCILLATION if is_oscillation(candidate) else SLOW
 
 
-def critical_multiplicity(scores: Sequence[ScreeningScore], total: float) -> dict[str, float]:
+def critical_multiplicity(scores: Sequence[ScreeningScore]) -> dict[str, float]:
     """How far in its own distribution the best of all candidates of a family gets in noise: 0 the median, 1 its 95 %.
 
     With a probability of 5 %, and of 1 % for slow functions of time; at least 1.
@@ -73,15 +71,15 @@ def critical_multiplicity(scores: Sequence[ScreeningScore], total: float) -> dic
     """
     result = {}
     for name in (MOTION, SLOW, OSCILLATION):
-        family = [_distances(_ratios(one, total)) for one in scores if family_of(one.candidate) == name]
+        family = [_distances(_ratios(one)) for one in scores if family_of(one.candidate) == name]
         level = LEVEL_OF_SLOW if name == SLOW else SIGNIFICANCE_LEVEL
         result[name] = max(float(np.quantile(np.max(family, axis=0), 1 - level)), 1.0) if family else 1.0
     return result
 
 
-def _ratios(score: ScreeningScore, total: float) -> np.ndarray:
+def _ratios(score: ScreeningScore) -> np.ndarray:
     """Gains of a candidate in noise over what it leaves, one for each surrogate."""
-    share = np.clip(score.noise_gains / max(total, SMALLEST_GAIN), SMALLEST_GAIN, LARGEST_SHARE)
+    share = np.clip(score.noise_gains / np.maximum(score.noise_squares, SMALLEST_GAIN), SMALLEST_GAIN, LARGEST_SHARE)
     return np.asarray(share / (1 - share))
 
 

@@ -36,7 +36,6 @@ from tsmblocks.diagnosis.screened_candidates import chosen_candidates, screened_
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.shift_in_time import is_shift_in_time
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
-from tsmblocks.fitting.inner_products import square
 
 MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
@@ -69,10 +68,10 @@ def search_round(
         fits = fits_from_starts(chosen, known, search)
     else:
         fits = fits_beside_rough_base(scores, chosen, known, own, search)
-    multiplicity = critical_multiplicity(scores, square(model.r))
+    multiplicity = critical_multiplicity(scores)
     if found_in is not None:
         multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}
-    limits = critical_gains(scores, square(model.r), multiplicity)
+    limits = critical_gains(scores, multiplicity)
     by_motion = functools.cache(lambda: _predicted_gain(model, search))
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
     base_loss = mean_loss(losses[0], search.blocks)

@@ -50,7 +50,7 @@ def detection_limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     last = diagnosed.rounds[diagnosed.count]
     screened = last if last.screening_scores else diagnosed.rounds[0]
     scores, noise = screened.screening_scores, diagnosed.noise_variance
-    by_noise = critical_gains(scores, square(last.base.r), screened.multiplicity)
+    by_noise = critical_gains(scores, screened.multiplicity)
     excess = max(diagnosed.losses[-1] - noise, 0.0)  # an effect has to remove its share of this as well
     material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
     recorded = recorded_units(last.base.setup)

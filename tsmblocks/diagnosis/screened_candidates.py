@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
-from tsmblocks.diagnosis.critical_gains import is_of_time
+from tsmblocks.diagnosis.critical_gains import SLOW, family_of, is_of_time
 from tsmblocks.diagnosis.decision import Shrinkage
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.insertion_points import insertion_points
@@ -17,9 +18,11 @@ from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchContext
+from tsmblocks.diagnosis.slow_sums import slow_sums
 from tsmblocks.diagnosis.surrogates import surrogates
 from tsmblocks.effects import REPLACED, Effect, Relative
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
+from tsmblocks.fitting.inner_products import square
 
 DEFLECTION = "deflection"
 """The place of effects in the deflection of a spring."""
@@ -56,10 +59,14 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
         of_time: surrogates(model, base, SURROGATES, search.settings.seed, of_time=of_time)
         for of_time in {is_of_time(one) for one in every}
     }
+    whole = square(model.r)
+    slow = (float(slow_sums(model, model.r[:, None])[0]), slow_sums(model, noise[True])) if True in noise else None
     for k, one in enumerate(every):
         search.progress("tried", k, len(every))
         own = noise[is_of_time(one)]
-        scores.append(screening_score(one, model, search.records, search.settings, wires, base, own))
+        score = screening_score(one, model, search.records, search.settings, wires, base, own)
+        squares = slow if slow is not None and family_of(one) == SLOW and score.is_slow else (whole, whole)
+        scores.append(attrs.evolve(score, squares=squares[0], noise_squares=squares[1]))
     return sorted(scores, key=lambda one: -one.gain)
 
 

@@ -15,6 +15,7 @@ from tsmblocks.diagnosis.candidates import Candidate, WireSignals
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.diagnosis.own_instants import Products, for_each, joined, moved, noise_gains, regular
 from tsmblocks.diagnosis.screening_score import MAX_SIZE_FACTOR, ScreeningScore, ShapeSensitivity
+from tsmblocks.diagnosis.slow_sums import is_slow
 from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.residuals import Problem
@@ -92,7 +93,9 @@ def screening_score(
     else:
         distinct = (one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
         starts = [_better_start(problem, one) for one in [best, *distinct][:2]]
-    return ScreeningScore(candidate, problem, setup, best.gain, tuple(starts), gains, shapes)
+    return ScreeningScore(
+        candidate, problem, setup, best.gain, tuple(starts), gains, shapes, is_slow(model, best.output_change)
+    )
 
 
 def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires: WireSignals) -> np.ndarray:

@@ -44,7 +44,9 @@ class ScreeningScore:
     """The screening of a candidate: ``gain`` is the predicted fall of the sum of squares [noise variances].
 
     ``starts`` are the starting points of its fit, best first. ``noise_gains`` (D,) are the gains in surrogates of the
-    residual, which hold noise alone. ``shapes`` are those that were tried.
+    residual, which hold noise alone. ``shapes`` are those that were tried. ``is_slow`` is True where its change of the
+    outputs is. Gains count beside ``squares``, the sum of squares of the residual, and ``noise_squares`` (D,) of the
+    surrogates: all of it, or the slow part.
     """
 
     candidate: Candidate
@@ -54,6 +56,9 @@ class ScreeningScore:
     starts: tuple[np.ndarray, ...]
     noise_gains: np.ndarray
     shapes: tuple[ShapeSensitivity, ...] = ()
+    is_slow: bool = False
+    squares: float = 1.0
+    noise_squares: np.ndarray | float = 1.0
 
     def limits(self, detectable: float) -> list[SizeLimit]:
         """The sizes that change the sum of squares by ``detectable``, one for each shape, the smallest first.

@@ -1,0 +1,37 @@
+"""Sums of squares of the slow part of a residual, beside which slow functions of time are judged.
+
+White noise is most of a residual and tells nothing of what is slow: beside all of it, a step that explains all that is
+slow looks no better than one that explains a part of slow noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.partition import rows_of_experiments
+from tsmblocks.fitting.inner_products import square
+
+BLOCKS = 100
+"""Averages of a residual in each experiment that hold its slow part. Chosen: steps and slopes are slower, and of white
+noise in thousands of samples next to nothing is left."""
+SLOW_SHARE = 0.9
+"""Share of the square of a change of the outputs in its averages from which it is slow. Chosen: a step within one of
+them loses less."""
+
+
+def slow_sums(model: Model, columns: np.ndarray) -> np.ndarray:
+    """The sum of squares of the slow part of residuals (N, D), shape (D,)."""
+    total = np.zeros(columns.shape[1])
+    for output in range(len(model.setup.outputs)):
+        for rows in rows_of_experiments(model, output).values():
+            part = columns[rows].astype(float)
+            first = np.arange(0, len(part), max(1, len(part) // BLOCKS))
+            lengths = np.diff(np.append(first, len(part)))
+            total += np.sum(np.add.reduceat(part, first, axis=0) ** 2 / lengths[:, None], axis=0)
+    return total
+
+
+def is_slow(model: Model, change: np.ndarray) -> bool:
+    """Whether a change of the outputs (N,) is slow."""
+    return float(slow_sums(model, change[:, None])[0]) >= SLOW_SHARE * square(change) > 0
