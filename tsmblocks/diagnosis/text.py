@@ -82,13 +82,18 @@ def errors_table(segment: Segment, gap: Gap, most: int | None = None) -> str:
     """The errors of one output by experiment, of the ``most`` largest: held out, and in the last columns as fitted."""
     k, unit = display_unit(gap.unit)
     last = ["in-sample"] if len(gap.train) == 1 else ["in-sample before", "in-sample after"]
-    first = f"rms of {gap.output} [{unit or 'its unit'}]"
-    floor = f"noise floor ({gap.given or gap.method})"
+    first, floor = f"rms of {gap.output} [{unit or 'its unit'}]", "floor"
+    whole, above = f"noise floor ({gap.given or gap.method})", list[str]()
     before, *added = column_titles(segment)
     made = [f"held-out {before}" if added else "held-out", *added]
-    room = table_width() - max(len(first), len(floor)) - sum(len(title) + 2 for title in (made[0], *last))
+    room = table_width() - max(len(first), len(whole)) - sum(len(title) + 2 for title in (made[0], *last))
     width = max(MIN_HEADING_LENGTH, room // max(len(made) - 1, 1) - 2)
     titles = _headings([*made, *last], width)
+    wide = max(len(first), len(whole)) + sum(max(map(len, column)) + 2 for column in zip(*titles, strict=True))
+    if wide > table_width():  # too wide for these in its first column
+        first, floor, above = "", "floor", [f"{first}, {whole}:"]
+    else:
+        floor = whole
     fitted = {t.experiment: fitted_rms(t) for t in output_traces(segment, gap.output)}
     rows: list[tuple[str, tuple[float, ...], tuple[float, ...]]] = [
         ("all", gap.held_out, (gap.train[0], gap.train[-1]))
@@ -101,7 +106,7 @@ def errors_table(segment: Segment, gap: Gap, most: int | None = None) -> str:
         cells = [name, *(digits(k * v) for v in (*held_out, *own[: len(last)]))]
         table.append(cells + [""] * (1 + len(titles[0]) - len(cells)))
     left = len(gap.experiments) - len(shown) if shown else 0
-    return "\n".join([columns(table), *([f"{left} more experiments have smaller errors."] if left else [])])
+    return "\n".join([*above, columns(table), *([f"{left} more experiments have smaller errors."] if left else [])])
 
 
 def _largest(gap: Gap, most: int | None) -> list[str]:
