@@ -11,7 +11,7 @@ from markupsafe import Markup
 from tsmblocks.data import Record, heading
 from tsmblocks.demo import findings, paper
 from tsmblocks.demo.compensators import FEEDFORWARD, PERIOD, REFERENCE, Tracked
-from tsmblocks.demo.mechanism import DEG, model
+from tsmblocks.demo.mechanism import DEG
 from tsmblocks.demo.paper import DIAGRAMS, Case
 from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story
 from tsmblocks.demo.text import TITLES
@@ -60,7 +60,7 @@ def page(cases: Sequence[Case], story: Story, files: Mapping[str, Sequence[str]]
         revealed=_revealed(story),
         measurement=findings.measurement(story),
         recordings=_recordings(story),
-        model=to_svg(model()),
+        model=to_svg(story.fit.diagram),
         estimates=_estimates(story),
         gap=findings.gap(story),
         search=findings.search(story),
