@@ -203,9 +203,14 @@ def test_a_gap_in_front_of_the_model_as_small_as_the_noise_of_its_input_may_only
     worn = tsm.load("tendon_sheath_linear").insert("gap", Play(half_width=half_width), after="x_in")
     model = fitted(recordings("white", 7, gap), worn)
     width = model.values["gap.half_width"]
-    loop = SimpleNamespace(family="loop")
+    loop = SimpleNamespace(family="loop", contains=())
     some = SimpleNamespace(effect=loop, block="gap", point=SimpleNamespace(place="input", signal="x_in"))
     assert filters_noise(model, some, {"x_in": width})
+    some.effect = SimpleNamespace(family="friction", contains=("hysteresis",))  # it narrows with the speed
+    assert filters_noise(model, some, {"x_in": width})
+    some.effect = SimpleNamespace(family="friction", contains=())
+    assert not filters_noise(model, some, {"x_in": width})
+    some.effect = loop
     assert not filters_noise(model, some, {"x_in": 0.3 * width})
     assert not filters_noise(model, some, {"x_in": 0.0})
     assert not filters_noise(model, some, {})
