@@ -37,6 +37,9 @@ MOST_STEPS = 20
 """Steps along null directions, which may be curved. Chosen."""
 MOST_CUTS = 8
 """Times that a step is halved before it is given up. Chosen."""
+HARDLY_COUNTED = 30.0
+"""Size of a parameter that hardly counts [what changes the outputs by their own norm]. Chosen: coefficients cancel one
+another by less."""
 RETURNS = 8
 """Iterations back to the optimum after a step along a curved direction. Chosen: two or three suffice."""
 
@@ -53,7 +56,7 @@ def nearest_of(
         return list(ends)
     least = best.cost + max(ALIKE * best.cost, problem.rounding, tolerance)
     same = {k: _with_own_factors(problem, setup, end) for k, end in enumerate(ends) if end.cost <= least}
-    move = _Moves(problem, setup, _natural_sizes(problem, same[0].theta))
+    move = _Moves(problem, setup, _sizes(problem, same[0].theta, same[0].theta != best.theta))
     alike = sorted(same, key=lambda k: (round(move.distance(same[k].theta), DIGITS), k))[:MOST_MOVED]
     moved = {k: move.to_nearest(same[k]) for k in alike}
     first = min(alike, key=lambda k: (round(move.distance(moved[k].theta), DIGITS), k))
@@ -70,10 +73,14 @@ def _may_be_open(problem: Problem, theta: np.ndarray) -> bool:
     return bool(values[0] <= SUSPECT * values[-1])
 
 
-def _natural_sizes(problem: Problem, theta: np.ndarray) -> np.ndarray:
-    """Size of each unknown where the search began; of one that began at zero, by its effect at ``theta``."""
-    start, jacobian = problem.unknowns.start, problem.jacobian(theta)[1]
-    return np.maximum(unknown_sizes(problem, start, jacobian), natural_sizes(problem, jacobian))
+def _sizes(problem: Problem, theta: np.ndarray, scaled: np.ndarray) -> np.ndarray:
+    """Size of each unknown where the search began.
+
+    Those that are ``scaled`` (n,) and began at zero count next to nothing: they say nothing of a common factor.
+    """
+    jacobian = problem.jacobian(theta)[1]
+    sizes = unknown_sizes(problem, problem.unknowns.start, jacobian)
+    return np.where(scaled, np.maximum(sizes, HARDLY_COUNTED * natural_sizes(problem, jacobian)), sizes)
 
 
 def _with_own_factors(problem: Problem, setup: Setup, end: OptimizerResult) -> OptimizerResult:
@@ -93,7 +100,7 @@ def _with_own_factors(problem: Problem, setup: Setup, end: OptimizerResult) -> O
             factor = float(ratios.sum()) / square
             scaled = theta.copy()
             scaled[own] *= factor
-            if factor > 0 and np.array_equal(scaled, within_bounds(problem, scaled)):
+            if factor and np.array_equal(scaled, within_bounds(problem, scaled)):
                 theta = scaled if _is_as_good(problem, scaled, end.cost) else theta
     return end if theta is end.theta else attrs.evolve(end, theta=theta)
 
