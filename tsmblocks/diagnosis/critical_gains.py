@@ -20,12 +20,6 @@ OFFSET = "offset"
 """The effect that is a constant."""
 SMALLEST_GAIN = 1e-9
 """Gain in noise, as a share of the sum of squares, that a candidate has at least. Chosen: rounding."""
-NORMAL_POWER = 1 / 3
-"""Power of a sum of squares of normal values that is itself about normal, however many there are. Source: Wilson and
-Hilferty, Proc. National Academy of Sciences 17 (1931), 684-688."""
-MIN_SPREAD = 0.03
-"""Distance from the median to the 95 % point of such powers of gains in noise, relative to the median, at least.
-Derived: that of a sum of 600 squares; candidates have fewer parameters."""
 LARGEST_SHARE = 1 - 1e-6
 """Gain in noise, as a share of the sum of squares, that a candidate has at most. Chosen: rounding."""
 
@@ -45,12 +39,8 @@ def critical_gains(scores: Sequence[ScreeningScore], multiplicity: Mapping[str, 
     Of slow functions of time, 1 %. Gains count as they do in an F-test, gain over the rest. ``multiplicity`` is that of
     ``critical_multiplicity``.
     """
-    result = {}
-    for one in scores:
-        middle, spread = _middle_and_spread(_ratios(one))
-        limit = (middle + multiplicity[family_of(one.candidate)] * spread) ** (1 / NORMAL_POWER)
-        result[one] = one.squares * limit / (1 + limit)
-    return result
+    limits = {one: multiplicity[family_of(one.candidate)] * _critical_alone(_ratios(one)) for one in scores}
+    return {one: one.squares * limit / (1 + limit) for one, limit in limits.items()}
 
 
 def family_of(candidate: Candidate) -> str:
@@ -61,19 +51,19 @@ def family_of(candidate: Candidate) -> str:
 
 
 def critical_multiplicity(scores: Sequence[ScreeningScore]) -> dict[str, float]:
-    """How far in its own distribution the best of all candidates of a family gets in noise: 0 the median, 1 its 95 %.
+    """How many times its own critical gain the best of all candidates of a family reaches in noise.
 
     With a probability of 5 %, and of 1 % for slow functions of time; at least 1.
 
-    So one with many shapes, which follows any noise, does not hide one with few, nor one whose gains scatter widely
-    one whose gains do not.
+    Gains count in what the candidate itself reaches in noise (95 %), so that one with many shapes, which follows any
+    noise, does not hide one with few.
     Source: Westfall and Young, Resampling-Based Multiple Testing (1993), on balanced tests.
     """
     result = {}
     for name in (MOTION, SLOW, OSCILLATION):
-        family = [_distances(_ratios(one)) for one in scores if family_of(one.candidate) == name]
-        level = LEVEL_OF_SLOW if name == SLOW else SIGNIFICANCE_LEVEL
-        result[name] = max(float(np.quantile(np.max(family, axis=0), 1 - level)), 1.0) if family else 1.0
+        family = [_ratios(one) for one in scores if family_of(one.candidate) == name]
+        largest = np.max([one / _critical_alone(one) for one in family], axis=0) if family else np.ones(1)
+        result[name] = max(_critical_alone(largest, LEVEL_OF_SLOW if name == SLOW else SIGNIFICANCE_LEVEL), 1.0)
     return result
 
 
@@ -83,13 +73,6 @@ def _ratios(score: ScreeningScore) -> np.ndarray:
     return np.asarray(share / (1 - share))
 
 
-def _middle_and_spread(ratios: np.ndarray) -> tuple[float, float]:
-    """The median of the cube roots of these, and how far above it their 95 % point is."""
-    middle, high = np.quantile(ratios**NORMAL_POWER, (0.5, 1 - SIGNIFICANCE_LEVEL))
-    return float(middle), max(float(high - middle), MIN_SPREAD * float(middle))
-
-
-def _distances(ratios: np.ndarray) -> np.ndarray:
-    """How far each of these is above their median, in units of their 95 % point."""
-    middle, spread = _middle_and_spread(ratios)
-    return np.asarray((ratios**NORMAL_POWER - middle) / spread)
+def _critical_alone(ratios: np.ndarray, level: float = SIGNIFICANCE_LEVEL) -> float:
+    """What a share of these exceeds: one in twenty, or another ``level``."""
+    return float(np.quantile(ratios, 1 - level))

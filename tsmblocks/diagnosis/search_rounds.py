@@ -24,7 +24,7 @@ class SearchRound:
     ``losses`` (B,) and ``experiment_losses`` (B,) are those of the base, by folds and by whole experiments.
     ``repeated`` is the same search repeated with all effects that were named later in the model. ``single_effect`` is
     True where the round searched for one given effect only; ``repeated`` then is the search that named it.
-    ``multiplicity`` is how far in its own distribution the best of all candidates of a family gets in noise, as
+    ``multiplicity`` is how many times its own critical gain the best of all candidates of a family reaches in noise, as
     ``critical_multiplicity``.
     """
 
