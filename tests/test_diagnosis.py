@@ -349,6 +349,17 @@ def test_ctrl_c_keeps_what_was_found():
     assert json.loads(said.to_json())["status"] == "interrupted"
 
 
+def test_a_search_that_was_stopped_with_more_than_noise_left_is_incomplete():
+    said = diagnosed(hidden("two"), effects=SOME, progress=stopping("tried", 2))
+    assert said.status == "interrupted"
+    assert len(names(said)) == 1
+    assert not said.complete
+    assert (
+        "the search was stopped before every effect had been tried beside the named ones" in said.segments[0].sentence
+    )
+    assert "Let the search run to its end" in str(said)
+
+
 @pytest.mark.parametrize("stage", ["conditioned", "calibrated", "tried", "fitted"])
 def test_ctrl_c_before_anything_was_found_is_passed_on(stage):
     with pytest.raises(KeyboardInterrupt):

@@ -14,6 +14,7 @@ from tsmblocks.common.errors import AlgebraicLoop, DiagramError, TsmError
 from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.common.tables import unique_names
+from tsmblocks.diagnosis.direction import with_opposite_motion
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_no_motion
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of
@@ -222,9 +223,10 @@ def candidates(
             effect.accepts(trials, scales)
             name = unique_names([*base.blocks, effect.name])[-1]
             checkpoint()
-            edited = _with_effect(base, name, effect, point, trials, orders)
+            placed = with_opposite_motion(effect) if point.opposite else effect
+            edited = _with_effect(base, name, placed, point, trials, orders)
             if edited is not None:
-                found.append(Candidate(effect, point, name, edited, trials, scales))
+                found.append(Candidate(placed, point, name, edited, trials, scales))
     return found
 
 

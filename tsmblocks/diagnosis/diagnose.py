@@ -268,7 +268,7 @@ def _judged(
         part, search, ready.floors, rounds, count, final, predicted, left, varying, filtered=ready.filtered
     )
     if interrupted:
-        return judged, notes
+        return attrs.evolve(judged, stopped=True), notes
     delays = [one.candidate.block for one in judged.named if one.candidate.effect.family == DELAY]
     return attrs.evolve(judged, delays_if_held=tuple(delays_if_held(final, delays, ready.may_be_held))), notes
 

@@ -65,6 +65,8 @@ class DiagnosedPart:
     """The inputs whose noise was filtered out."""
     delays_if_held: tuple[HeldDelay, ...] = ()
     """The dead times that were named, with an input held that may be."""
+    stopped: bool = False
+    """Whether the search was stopped before it was over."""
 
     @property
     def blocks(self) -> TimeBlocks:
@@ -95,6 +97,11 @@ class DiagnosedPart:
         loss = (1 - share_of_outliers([self.final.r[rows] for rows in self.final.problem.segments])) * self.losses[-1]
         large = loss > (1 + UNKNOWN_EXCESS) * self.largest_noise or self.varies
         return large and not self.leaves_predictable
+
+    @property
+    def leaves_unexamined(self) -> bool:
+        """Whether effects were named, more than noise is left, and the search was stopped before it was over."""
+        return self.stopped and self.count > 0 and self.losses[-1] > (1 + UNKNOWN_EXCESS) * self.search.noise.low
 
     @property
     def varies(self) -> bool:

@@ -9,6 +9,7 @@ import attrs
 from tsmblocks.blocks import Bias, Sum
 from tsmblocks.common.units import is_one_of, parse
 from tsmblocks.diagnosis.control_loops import control_loops, has_reference, in_front, is_elastic
+from tsmblocks.diagnosis.direction import moves_backwards
 from tsmblocks.diagnosis.signal_paths import (
     FORCE_TO_POSITION,
     blocks_behind,
@@ -38,7 +39,7 @@ class InsertionPoint:
 
     ``before`` is the port, or ports with commas, ``after`` the signal or input of the diagram that is cut (one of both
     is empty). ``signal`` names the signal of the wire, ``other`` a second signal or input that a block there may read,
-    and ``output`` the measured output it leads to.
+    and ``output`` the measured output it leads to. ``opposite`` is True where the wire moves ``other`` backwards.
     """
 
     place: str
@@ -47,6 +48,7 @@ class InsertionPoint:
     other: str = ""
     after: str = ""
     before: str = ""
+    opposite: bool = False
     adds: Callable[[Diagram, str], Diagram] | None = None
 
     def put(self, diagram: Diagram, name: str, block: Block | Diagram) -> Diagram:
@@ -134,13 +136,14 @@ def insertion_points(
         if signal != source:  # an output that is its own drive has no drive in front of it
             found.append(InsertionPoint("drive", name, signal, before=drive))
             if not is_no_motion(unit):
-                found.append(InsertionPoint("brake" if speed else "load", name, signal, other=source, before=drive))
+                found.append(_against_motion("brake" if speed else "load", name, diagram, drive, source))
         for port, moved in _inner_drives(diagram, name, drive):
             found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
             if moved != source or not is_no_motion(unit):
-                found.append(InsertionPoint("load", name, source_of(diagram, port), other=moved, before=port))
+                found.append(_against_motion("load", name, diagram, port, moved))
         found += _in_the_control_loop(diagram, name, source, named)
-        found += _inside_the_transmission(diagram, name, source)
+        inside = list(_inside_the_transmission(diagram, name, source))
+        found += [*inside, *_along_a_deflection(diagram, name, drive, inside)]
     loads = {point.before for point in found if point.place == "load"}
     found = [point for point in found if point.place != "brake" or point.before not in loads]
     drives = {point.signal for point in found if point.place == "drive"}
@@ -153,6 +156,12 @@ def insertion_points(
     for point in found:
         unique.setdefault(point.edit, point)
     return list(unique.values())
+
+
+def _against_motion(place: str, output: str, diagram: Diagram, port: str, moved: str) -> InsertionPoint:
+    """The point where a force resists the motion of the signal ``moved``, in front of the port that drives it."""
+    signal, opposite = source_of(diagram, port), moves_backwards(diagram, moved, port)
+    return InsertionPoint(place, output, signal, other=moved, before=port, opposite=opposite)
 
 
 def _at_the_output(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
@@ -287,6 +296,19 @@ def _inside_the_transmission(diagram: Diagram, output: str, source: str) -> Iter
                 yield InsertionPoint("transmission", output, signal, before=port)
         elif _is_deflection(diagram, head, port):
             yield InsertionPoint("deflection", output, signal, before=port)
+
+
+def _along_a_deflection(
+    diagram: Diagram, output: str, drive: str, inside: Iterable[InsertionPoint]
+) -> Iterator[InsertionPoint]:
+    """Where a force resists a deflection from an input, as dry friction of a damper does on a base that is moved.
+
+    Between two parts that are both free to move the force would act on the other one as well.
+    """
+    moved = {end[0] for ends in diagram.inlets.values() for end in ends}
+    for point in inside:
+        if drive and point.place == "deflection" and point.signal.partition(".")[0] in moved:
+            yield _against_motion("load", output, diagram, drive, point.signal)
 
 
 def _is_deflection(diagram: Diagram, difference: str, port: str) -> bool:

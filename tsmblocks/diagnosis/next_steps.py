@@ -20,6 +20,11 @@ NOISE_RATIO = 5.0
 SHOW_SHAPE = "Record more data over the full range of the signals that predict the residual, to show its shape."
 """The next step where a coordinate of the motion predicts the residual."""
 
+SEARCH_TO_THE_END = (
+    "Let the search run to its end, or make it shorter: fewer effects (--effects), a part of the data (--window)."
+)
+"""The next step where the search was stopped before it was over."""
+
 
 def next_steps(segment: Segment) -> list[str]:
     """Next steps where a residual is not explained, or where noise and a model error are indistinguishable."""
@@ -34,6 +39,8 @@ def next_steps(segment: Segment) -> list[str]:
         return [*alone, *([repeat, *([] if given else [floor])] if slow_noise(segment) else [])]
     if segment.complete:
         return []
+    if segment.stopped:
+        return [SEARCH_TO_THE_END]
     if segment.varies_with:
         return [*alone, *_where_a_factor_varies(segment)]
     if segment.irregular:

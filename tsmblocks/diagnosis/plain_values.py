@@ -89,6 +89,7 @@ def _segment(s: Segment) -> dict[str, Any]:
         "verdict": s.verdict,
         "complete": s.complete,
         "irregular": s.irregular,
+        "stopped": s.stopped,
         "varies_with": s.varies_with,
         "predictable": {"before": s.predictable[0], "after": s.predictable[1]},
         "largest_noise": s.largest_noise,

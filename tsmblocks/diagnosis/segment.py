@@ -193,8 +193,8 @@ class Segment:
     coordinates predict. ``fit`` is the last model as ``tsm.fit`` would return it. ``predictable`` are the shares of the
     residual of the base, and of the last model, that are predicted on held-out data from what was recorded;
     ``complete`` is False where the last model leaves more than noise, ``irregular`` True where that is no function of
-    what was recorded; ``varies_with`` is the coordinate to which it is proportional by a factor that varies,
-    if it is.
+    what was recorded, ``stopped`` True where the search was stopped before that was examined; ``varies_with`` is the
+    coordinate to which it is proportional by a factor that varies, if it is.
     ``largest_noise`` is the largest rms noise of each output that is plausible; ``filtered`` are the inputs out of
     which noise was filtered. ``augmented`` is the diagram of the last model, ``simulated`` how it was simulated;
     ``in_doubt`` are its parameters that compensate for what is missing, with fitted and given values;
@@ -218,6 +218,7 @@ class Segment:
     fit: Fit | None = attrs.field(default=None, repr=False)
     complete: bool = True
     irregular: bool = False
+    stopped: bool = False
     varies_with: str = ""
     predictable: tuple[float, float] = (0.0, 0.0)
     largest_noise: Mapping[str, float] = attrs.field(factory=dict)

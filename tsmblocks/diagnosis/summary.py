@@ -62,8 +62,9 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         ceiling,
         "",
         as_fit(diagnosed.final, base),
-        complete=not remains,
+        complete=not (remains or diagnosed.leaves_unexamined),
         irregular=diagnosed.is_irregular,
+        stopped=diagnosed.leaves_unexamined,
         varies_with=diagnosed.varying.words if diagnosed.varying is not None and diagnosed.varies else "",
         predictable=(
             max(diagnosed.predicted.share, diagnosed.rejected_share, 0.0),

@@ -266,6 +266,8 @@ def _remaining(segment: Segment, gap: Gap) -> str:
     """A sentence on a residual above the noise floor that the effects do not explain."""
     further = by_removed(r for r in segment.ranking if r.round > len(segment.effects))
     still = f"That is still {gap.held_out[-1] / gap.noise_floor:.1f} times the noise floor"
+    if segment.stopped:
+        return f"{still}: the search was stopped before every effect had been tried beside the named ones."
     small = next((r for r in further if r.why_not == NOT_ACCEPTED), None)
     if small is not None:
         one = len(segment.effects) == 1
