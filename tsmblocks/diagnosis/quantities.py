@@ -137,14 +137,18 @@ class Estimate:
     def _is_reached(self, candidate: Candidate, size: _Size) -> bool:
         """Whether the signal reaches a size that is a limit; a fit leaves others at the edge of its range."""
         of, block, scales = size.of, candidate.effect.block, candidate.scales
-        if len(of) != 1 or scales is None or isinstance(block, Diagram):
+        if len(of) != 1 or scales is None:
             return True
         (column,) = of
         name = candidate.name_in_block(self.model.problem.unknowns.items[column].parameter)
+        wire = scales.other if isinstance(block, Diagram) else scales.wire
+        while isinstance(block, Diagram):
+            inner, _, name = name.partition(".")
+            block = block.blocks[inner]
         field = block.fields().get(name)
         if field is None or not (field.opposite and field.acts_at):
             return True
-        limit, wire = self.model.theta[column], scales.wire
+        limit = self.model.theta[column]
         margin = MIN_CUT * (wire.high - wire.low)
         return bool(wire.low + margin < limit < wire.high - margin)
 

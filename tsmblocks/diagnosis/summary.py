@@ -66,16 +66,19 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         irregular=diagnosed.is_irregular,
         stopped=diagnosed.leaves_unexamined,
         varies_with=diagnosed.varying.words if diagnosed.varying is not None and diagnosed.varies else "",
-        predictable=(
-            max(diagnosed.predicted.share, diagnosed.rejected_share, 0.0),
-            max(diagnosed.left.share, diagnosed.rejected_share, 0.0),
-        ),
+        predictable=_predictable(diagnosed),
         largest_noise={k: v * np.sqrt(diagnosed.largest_noise) for k, v in diagnosed.floors.sigma.items()},
         filtered=tuple(name for name, rms in diagnosed.search.input_noise.items() if rms > 0),
         in_doubt=diagnosed.in_doubt,
         delays_if_held=diagnosed.delays_if_held,
     )
     return attrs.evolve(result, sentence=verdict_sentence(result))
+
+
+def _predictable(diagnosed: DiagnosedPart) -> tuple[float, float]:
+    """Shares of the residual of the base, and of the last model, that are predicted."""
+    before, after = (max(one.share, diagnosed.rejected_share, 0.0) for one in (diagnosed.predicted, diagnosed.left))
+    return before, after
 
 
 def _held_out(diagnosed: DiagnosedPart) -> list[np.ndarray]:

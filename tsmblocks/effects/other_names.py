@@ -12,6 +12,7 @@ _GIVEN = {
     "viscous_friction": "damping, damper",
     "dead_time": "delay, latency, transport delay",
     "dead_zone": "dead band",
+    "end_stop": "bump stop, hard stop, snubber",
     "first_order_lag": "lag, low pass, sensor lag, time constant",
     "resonance": "second order lag, elasticity, vibration",
     "position_ripple": "eccentricity, cogging, torque ripple, kinematic error, runout",
