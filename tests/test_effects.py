@@ -28,7 +28,11 @@ from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
 CONTRACT = {family: set(names.split()) for family, names in FAMILIES.items() if family != "unknown"}
-ADDED = {"friction": {"viscous_friction"}, "load": {"stiffness", "end_stop"}, "map": {"asymmetric_gain", "gain_error", "offset"}}
+ADDED = {
+    "friction": {"viscous_friction"},
+    "load": {"stiffness", "end_stop"},
+    "map": {"asymmetric_gain", "gain_error", "offset"},
+}
 """Effects that the benchmark of hidden effects does not hide."""
 SHEATHS = tuple(name for name in shipped_names() if name.startswith("tendon_sheath_"))
 LOOPS = ("fig09a_without_feedforward", "fig09b_elementary", "fig16_feedforward_feedback", "sampled_position_loop")

@@ -18,7 +18,7 @@ from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.forward_selection import MAX_EFFECTS, forward_search, next_base, search_round
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
-from tsmblocks.effects import Effect, Relative, Replacement
+from tsmblocks.effects import Effect, Relative
 
 
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
@@ -99,8 +99,7 @@ def rounds_for(
     for one in found:
         if one.verdict.named is None:
             continue
-        effect = one.verdict.named.candidate.effect
-        alone = effect.relative if isinstance(effect, Replacement) else effect
+        alone = search.tried_as(one.verdict.named.candidate)
         forms = [alone, *(other for other in search.effects if _is_simpler_form(other, alone))]
         again = search_round(model, shrinkage, attrs.evolve(search, effects=forms), one)
         if again.verdict.named is None:

@@ -35,6 +35,7 @@ from tsmblocks.diagnosis.round_fits import fits_beside_rough_base, fits_from_sta
 from tsmblocks.diagnosis.screened_candidates import chosen_candidates, screened_candidates
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.shift_in_time import is_shift_in_time
+from tsmblocks.diagnosis.takes_over import switches_off
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
 
 MAX_EFFECTS = 4
@@ -79,6 +80,9 @@ def search_round(
         candidate, gain = score.candidate, (model.mean_square - m.mean_square) * len(model.r)
         untenable = "random noise of its spectrum is reduced as much" if gain <= limits[score] else ""
         untenable = untenable or _why_untenable(m, candidate, search, gain, by_motion)
+        untenable = untenable or (
+            "it replaces the model instead of adding to it" if switches_off(m, model, search.effects) else ""
+        )
         found = fitted_candidate(candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
     noise_variance = noise_beside(fitted, search.noise)

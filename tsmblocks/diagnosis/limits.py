@@ -115,7 +115,8 @@ def _without_limit(
     absorbed = [p for p in added if any(s.absorbed_by for s in p.shapes) and not any(s.sensitivity for s in p.shapes)]
     words = dict[str, str]()
     if absorbed:
-        first = min(absorbed, key=lambda p: diagnosed.search.effects.index(p.candidate.effect))
+        search = diagnosed.search
+        first = min(absorbed, key=lambda p: search.effects.index(search.tried_as(p.candidate)))
         cause, words = ABSORBED, _of_sensor(first, diagnosed.models[0]) or _absorbed_by(first, diagnosed.models[0])
     elif any(s.sensitivity for p in added for s in p.shapes):
         cause = BEYOND

@@ -16,12 +16,15 @@ def at_best_place(named: FittedCandidate, close: Sequence[FittedCandidate]) -> F
 
     At a measured output its size has the unit of a measurement; of two places there the one behind all else is taken,
     where only the sensor is. Elsewhere it is a place where its size does not depend on how gains of the model in a row
-    share their product.
+    share their product. A characteristic at the output with one parameter more is taken before a spring: it does not
+    say what bends.
     """
-    effect, count = named.candidate.effect, named.parameter_count
+    effect = named.candidate.effect
+    most = named.parameter_count + (effect.place == "load" and effect.family == "map")
     if effect.place == "output" and is_of_sensor(named):
         return named
-    same = [one for one in close if one.candidate.effect.name == effect.name and one.parameter_count == count]
+    counts = range(named.parameter_count, most + 1)
+    same = [one for one in close if one.candidate.effect.name == effect.name and one.parameter_count in counts]
     at_output = [one for one in same if one.candidate.effect.place == "output"]
     if effect.place == "output":
         at_output = [one for one in at_output if is_of_sensor(one)]

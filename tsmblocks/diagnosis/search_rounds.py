@@ -8,13 +8,14 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
+from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import Verdict
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback
 from tsmblocks.diagnosis.noise_floor import NoiseLevel
 from tsmblocks.diagnosis.screening_score import ScreeningScore
-from tsmblocks.effects import Effect, Relative
+from tsmblocks.effects import Effect, Relative, Replacement
 
 
 @attrs.frozen(eq=False)
@@ -68,6 +69,14 @@ class SearchContext:
     input_noise: Mapping[str, float] = attrs.field(factory=dict)
     check: Callable[[Model], None] = lambda _: None
     check_named: Callable[[Model, FittedCandidate], None] = lambda *_: None
+
+    def tried_as(self, candidate: Candidate) -> Effect | Relative:
+        """The effect that was searched for, as which a candidate was made: of a replacement, the relative."""
+        effect = candidate.effect
+        if isinstance(effect, Replacement):
+            return effect.relative
+        tried = (one for one in self.effects if isinstance(one, Effect))
+        return next(one for one in tried if (one.name, one.variant) == (effect.name, effect.variant))
 
     @property
     def noise_variance(self) -> float:

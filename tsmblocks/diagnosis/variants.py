@@ -25,6 +25,7 @@ VARIANT_WORDS = {
     "hysteresis": "of gain and loop width, which may be zero before",
     "gain": "of the gain, at one instant",
     "drift": "of the gain, at a constant rate",
+    "steady": "at a constant rate",
     "low end": "at the low end of the range only",
     "high end": "at the high end of the range only",
     "two in a row": "one behind the other",

@@ -119,6 +119,13 @@ DRIFT = Effect(
     separates="the first experiment repeated at the end",
     sizes=(Size("total drift", _whole_drift), in_proportion("initial drift rate", "rate", "{u}/min", MINUTE)),
 )
+STEADY_DRIFT = attrs.evolve(
+    DRIFT,
+    null={"rate": 0.0},
+    free=("rate",),
+    trials=lambda scales: Trials({"rate": 0.02 * scales.wire.reach / _duration(scales)}, fixed=_time_origin(scales)),
+    variant="steady",
+)
 JUMP = Effect(
     "jump",
     "time",
@@ -238,6 +245,7 @@ SOFT_RATE_LIMIT = attrs.evolve(
 EFFECTS = (
     DRIFT,
     attrs.evolve(separate(DRIFT), sizes=DRIFT.sizes[1:]),  # no total: each recording has its length
+    STEADY_DRIFT,
     JUMP,
     separate(JUMP, "time"),
     LOAD_STEP,
