@@ -71,12 +71,12 @@ class SearchContext:
     check_named: Callable[[Model, FittedCandidate], None] = lambda *_: None
 
     def tried_as(self, candidate: Candidate) -> Effect | Relative:
-        """The effect that was searched for, as which a candidate was made: of a replacement, the relative."""
+        """The effect that was searched for, from which a candidate was made: of a replacement, the relative."""
         effect = candidate.effect
         if isinstance(effect, Replacement):
             return effect.relative
         tried = (one for one in self.effects if isinstance(one, Effect))
-        return next(one for one in tried if (one.name, one.variant) == (effect.name, effect.variant))
+        return next((one for one in tried if (one.name, one.variant) == (effect.name, effect.variant)), effect)
 
     @property
     def noise_variance(self) -> float:

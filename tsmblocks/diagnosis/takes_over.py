@@ -11,8 +11,8 @@ from tsmblocks.model.diagram import Diagram
 PARALLEL = "parallel"
 """The place of effects in parallel with the model."""
 LEFT_OF_MODEL = 0.1
-"""Share of a gain that is left, below which what it multiplies is switched off. Chosen: a diagram was drawn for more, and
-where two gains in a row share the loss, less than a hundredth of their product is left."""
+"""Share of a gain that is left, below which what it multiplies is switched off. Chosen: a diagram was drawn for more,
+and where two gains in a row share the loss, less than a hundredth of their product is left."""
 
 
 def switches_off(fitted: Model, base: Model, effects: Iterable[Effect | Relative]) -> bool:
@@ -20,7 +20,8 @@ def switches_off(fitted: Model, base: Model, effects: Iterable[Effect | Relative
 
     ``effects`` are those that the search tries.
     """
-    branches = {one.block.title for one in effects if isinstance(one, Effect) and one.place == PARALLEL}
+    own = [one.block for one in effects if isinstance(one, Effect) and one.place == PARALLEL]
+    branches = {one.title for one in own if isinstance(one, Diagram)}
     blocks = fitted.diagram.blocks.values()
     if not any(isinstance(one, Diagram) and one.title in branches for one in blocks):
         return False
