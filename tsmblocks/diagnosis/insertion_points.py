@@ -142,6 +142,8 @@ def insertion_points(
             if moved != source or not is_no_motion(unit):
                 found.append(_against_motion("load", name, diagram, port, moved))
         found += _in_the_control_loop(diagram, name, source, named)
+        if is_no_motion(unit):  # what a motion acts back with is a load, or in the deflection of a spring
+            found += _acting_back(diagram, name, source, named)
         inside = list(_inside_the_transmission(diagram, name, source))
         found += [*inside, *_along_a_deflection(diagram, name, drive, inside)]
     loads = {point.before for point in found if point.place == "load"}
@@ -193,6 +195,25 @@ def _behind_the_sensor(diagram: Diagram, name: str, source: str, outputs: Sequen
     behind = blocks_behind(diagram, source.partition(".")[0])
     if driven and any(diagram.shown[other][0] in behind for other in outputs if other != name):
         yield InsertionPoint("branch", name, source, before=", ".join(driven))
+
+
+def _acting_back(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
+    """Wires on which what is measured acts back on itself, as the loss of a heat balance does; no control loop.
+
+    They begin at the measured signal, or at one in front of it from which it follows without a state.
+    """
+    signal, seen = source, set[str]()
+    while (head := signal.partition(".")[0]) not in seen and signal not in diagram.inputs:
+        seen.add(head)
+        control = {loop.fed_back for loop in control_loops(diagram, signal, named)}
+        driven = [".".join(x.target) for x in diagram.links if ".".join(x.source) == signal]
+        for port in driven if len(driven) + (signal == source) > 1 else []:
+            block = port.partition(".")[0]
+            if port not in control and head in blocks_behind(diagram, block):
+                yield InsertionPoint("branch", name, signal, before=port)
+        into = [".".join(x.target) for x in diagram.links if x.target[0] == head]
+        if len(into) == 1 and integration_count(diagram, name, before=into[0], after="") == 0:
+            signal = source_of(diagram, into[0])
 
 
 def _in_the_control_loop(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:

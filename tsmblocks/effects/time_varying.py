@@ -174,6 +174,7 @@ GAIN_DRIFT = attrs.evolve(
     variant="drift",
     sizes=(in_proportion("drift of the gain", "rate", "%/min", PERCENT * MINUTE),),
 )
+GAIN_CHANGE_OF_INPUT = attrs.evolve(in_front(GAIN_CHANGE), variant="input, gain")
 LOOP_CHANGE = attrs.evolve(
     GAIN_CHANGE,
     words="a sudden change of the gain and the hysteresis",
@@ -252,10 +253,13 @@ EFFECTS = (
     separate(LOAD_STEP, "time"),
     GAIN_CHANGE,
     separate(GAIN_CHANGE, "time"),
+    GAIN_CHANGE_OF_INPUT,
+    separate(GAIN_CHANGE_OF_INPUT, "time"),
     on_branch(GAIN_CHANGE),
     separate(on_branch(GAIN_CHANGE), "time"),
     GAIN_DRIFT,
     separate(GAIN_DRIFT),
+    attrs.evolve(in_front(GAIN_DRIFT), variant="input, drift"),
     on_branch(GAIN_DRIFT),
     separate(on_branch(GAIN_DRIFT)),
     LOOP_CHANGE,
