@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.model import Model
 
 LARGE_ERROR = 25.0
@@ -13,16 +14,34 @@ MAX_FACTOR = 3.0
 """Ratio of a fitted value to the first one, or its inverse, up to which it is near. Chosen: a data sheet is better."""
 
 
+FAR = 1.5
+"""The same, where no effect is found, from which a value is said to be far from the first one. Chosen: more than the
+tolerance of most data sheets."""
+
+
+def notes_on_moved(model: Model, given: Mapping[str, float]) -> list[str]:
+    """A note where no effect is found and parameters were fitted far from the diagram's: they may stand in for one."""
+    moved = _far(model, {k: v for k, v in given.items() if not k.endswith(".bias")}, FAR)  # offsets have no scale
+    if not moved:
+        return []
+    were, they = ("was", "it") if len(moved) == 1 else ("were", "they")
+    return [
+        f"{listed(moved, 4)} {were} fitted far from the diagram: {they} may compensate for an effect. Where a value of "
+        "the diagram is known, leave it out of --free (in Python free)."
+    ]
+
+
 def parameters_in_doubt(model: Model, given: Mapping[str, float], error: float) -> tuple[str, ...]:
     """Parameters that were fitted far from their values in the diagram, ``given``, in words: ``J.gain (310 for 2000)``.
 
     ``error`` is the mean square of the residual [that of the noise]. None beside a small one, and none that began at
     zero.
     """
-    if error <= LARGE_ERROR:
-        return ()
+    return _far(model, given, MAX_FACTOR) if error > LARGE_ERROR else ()
+
+
+def _far(model: Model, given: Mapping[str, float], factor: float) -> tuple[str, ...]:
+    """Parameters that were fitted to more than a factor of those given, in words; none that began at zero."""
     pairs = {name: (value, float(given[name])) for name, value in model.parameters().items() if given.get(name)}
-    far = {
-        k: (value, first) for k, (value, first) in pairs.items() if not 1 / MAX_FACTOR <= value / first <= MAX_FACTOR
-    }
+    far = {k: (value, first) for k, (value, first) in pairs.items() if not 1 / factor <= value / first <= factor}
     return tuple(f"{name} ({value:.3g} for {first:.3g})" for name, (value, first) in far.items())

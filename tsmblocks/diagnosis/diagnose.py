@@ -22,6 +22,7 @@ from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.arguments import Request, checked
 from tsmblocks.diagnosis.assembly import assembled
 from tsmblocks.diagnosis.commands import OtherCommands, delays_if_held
+from tsmblocks.diagnosis.credibility import notes_on_moved
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
 from tsmblocks.diagnosis.evidence import Evidence, evidence
@@ -267,6 +268,8 @@ def _judged(
     judged = DiagnosedPart(
         part, search, ready.floors, rounds, count, final, predicted, left, varying, filtered=ready.filtered
     )
+    if not count and not judged.in_doubt:
+        notes += [f"{part.name}: {text}" for text in notes_on_moved(final, part.diagram.parameters)]
     if interrupted:
         return attrs.evolve(judged, stopped=True), notes
     delays = [one.candidate.block for one in judged.named if one.candidate.effect.family == DELAY]

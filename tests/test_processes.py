@@ -1,0 +1,114 @@
+"""Processes without motion, such as a heated bath: what acts back, what drifts in front, and what replaces the model."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import tsmblocks as tsm
+from tsmblocks.blocks import Bias, FirstOrderLag, Gain, Integrator, Sum
+from tsmblocks.diagnosis.credibility import notes_on_moved
+from tsmblocks.diagnosis.insertion_points import insertion_points
+from tsmblocks.diagnosis.takes_over import switches_off
+from tsmblocks.effects import catalogue
+from tsmblocks.model.diagram import Diagram
+
+STEP, NOISE = 4.0, 0.12
+GAIN, TIME_CONSTANT, AMBIENT = 0.55, 240.0, 22.0
+BALANCE = Diagram(
+    title="Bath as a heat balance",
+    blocks={
+        "heat": Gain(gain=0.6, unit="degC"),
+        "net": Sum(signs="+-"),
+        "rate": Gain(gain=0.0044, unit="degC/s"),
+        "bath": Integrator(),
+        "loss": Gain(gain=1.0, unit="degC"),
+        "ambient": Bias(bias=20.0),
+    },
+    wires=["heat -> net.plus", "net -> rate -> bath -> ambient", "bath -> loss -> net.minus"],
+    inputs={"heater": tsm.Inlet("heat.u", unit="%")},
+    outputs={"temp": "ambient"},
+)
+FREE = ["heat.gain", "rate.gain", "ambient.bias"]
+FEW = ["even_nonlinearity", "odd_nonlinearity", "backlash", "dead_time", "drift", "parameter_change", "offset"]
+
+
+def recorded(seed, quadratic=0.0, drift=0.0):
+    """A recording by SciPy: the loss may grow with the square of the temperature, the heater may lose power."""
+    rng, t = np.random.default_rng(seed), STEP * np.arange(700)
+    heater = np.repeat(rng.uniform(10, 80, 20), 35)
+
+    def rate(s, theta):
+        power = heater[min(int(s / STEP), len(heater) - 1)] * (1 + drift * s)
+        return (GAIN * power - theta - quadratic * theta**2) / TIME_CONSTANT
+
+    theta = solve_ivp(rate, (0.0, t[-1]), [8.0], t_eval=t, max_step=STEP / 2, rtol=1e-8, atol=1e-8).y[0]
+    temp = AMBIENT + theta + rng.normal(0, NOISE, t.size)
+    return tsm.Record(f"run{seed}", t, {"heater": heater, "temp": temp}, {"heater": "%", "temp": "degC"})
+
+
+def diagnosed(**hidden):
+    records = [recorded(seed, **hidden) for seed in (1, 2)]
+    return tsm.diagnose(BALANCE, records, free=FREE, effects=FEW, hold="zero")
+
+
+def test_what_is_measured_acts_back_on_a_wire_of_its_own():
+    branches = [p for p in insertion_points(BALANCE, ["temp"]) if p.place == "branch"]
+    assert [(p.signal, p.before) for p in branches] == [("bath.y", "loss.u")]
+
+
+def test_the_feedback_of_a_controller_is_no_branch_of_the_process():
+    controlled = Diagram(
+        blocks={"error": Sum(signs="+-"), "gain": Gain(gain=2.0, unit="degC"), "bath": FirstOrderLag(time_constant=100.0)},
+        wires=["error -> gain -> bath -> error.minus"],
+        inputs={"reference": "error.plus"},
+        outputs={"temp": "bath"},
+    )
+    assert not [p for p in insertion_points(controlled, ["temp"]) if p.place == "branch"]
+
+
+def test_a_loss_that_grows_with_the_square_is_found_where_it_acts():
+    (effect,) = diagnosed(quadratic=0.004).effects
+    assert (effect.name, effect.wire) == ("even_nonlinearity", "bath.y -> loss.u")
+
+
+def test_a_heater_that_loses_power_is_a_drift_of_the_gain_at_the_input():
+    """At the output, the percentage would count the temperature of the surroundings as well."""
+    (effect,) = diagnosed(drift=-0.02 / 100 / 60 * 10).effects
+    assert (effect.name, effect.wire) == ("parameter_change", "heater -> heat.u")
+    size = effect.sizes["drift of the gain"]
+    assert size.low < -0.2 < size.high
+
+
+def test_nothing_is_said_of_a_bath_that_is_as_it_was_drawn():
+    assert diagnosed().verdict == "none"
+
+
+# ---- effects beside the model
+
+
+PARALLEL = next(one for one in catalogue() if one.place == "parallel")
+
+
+def model(gain, *, beside=True):
+    diagram = Diagram(blocks={"heat": Gain()}, inputs={"u": "heat"}, outputs={"y": "heat"})
+    if beside:
+        diagram = diagram.insert("lag", PARALLEL.block, after="heat.y", wires=["u -> lag.x"])
+    return SimpleNamespace(diagram=diagram, parameters=lambda: {"heat.gain": gain, "heat.bias": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("left", "beside", "gone"), [(0.05, True, True), (-0.05, True, True), (0.5, True, False), (0.05, False, False)]
+)
+def test_a_lag_in_parallel_that_leaves_nothing_of_the_model_is_none(left, beside, gone):
+    assert switches_off(model(left, beside=beside), model(1.0), catalogue()) is gone
+
+
+# ---- parameters that moved far where nothing is found
+
+
+def test_a_note_names_parameters_that_were_fitted_far_from_the_diagram():
+    (note,) = notes_on_moved(model(0.4), {"heat.gain": 1.0, "heat.bias": 3.0})
+    assert note.startswith("heat.gain (0.4 for 1) was fitted far from the diagram: it may compensate for an effect.")
+    assert notes_on_moved(model(0.8), {"heat.gain": 1.0}) == []
