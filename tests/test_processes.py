@@ -1,4 +1,4 @@
-"""Processes without motion, such as a heated bath: what acts back, what drifts in front, and what replaces the model."""
+"""Processes without motion, such as a heated bath: what acts back, what drifts, and what replaces the model."""
 
 from types import SimpleNamespace
 
@@ -60,7 +60,11 @@ def test_what_is_measured_acts_back_on_a_wire_of_its_own():
 
 def test_the_feedback_of_a_controller_is_no_branch_of_the_process():
     controlled = Diagram(
-        blocks={"error": Sum(signs="+-"), "gain": Gain(gain=2.0, unit="degC"), "bath": FirstOrderLag(time_constant=100.0)},
+        blocks={
+            "error": Sum(signs="+-"),
+            "gain": Gain(gain=2.0, unit="degC"),
+            "bath": FirstOrderLag(time_constant=100.0),
+        },
         wires=["error -> gain -> bath -> error.minus"],
         inputs={"reference": "error.plus"},
         outputs={"temp": "bath"},

@@ -29,9 +29,9 @@ from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, ModelSettings, converged, nearest, with_accurate_step, with_sufficient_step
 from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.oscillation import comes_back_with_motion, follows_motion, is_oscillation, repeats_another
-from tsmblocks.diagnosis.own_parameters import at_own_parameters
+from tsmblocks.diagnosis.own_parameters import at_own_parameters, is_rough
 from tsmblocks.diagnosis.partition import ROUGH_ERROR
-from tsmblocks.diagnosis.round_fits import fits_beside_rough_base, fits_from_starts, with_memories
+from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, with_memories
 from tsmblocks.diagnosis.screened_candidates import chosen_candidates, screened_candidates
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.shift_in_time import is_shift_in_time
@@ -68,7 +68,7 @@ def search_round(
     if own is None:
         fits = fits_from_starts(chosen, known, search)
     else:
-        fits = fits_beside_rough_base(scores, chosen, known, own, search)
+        fits = fits_beside_own(scores, chosen, known, own, search, rough=is_rough(model))
     multiplicity = critical_multiplicity(scores)
     if found_in is not None:
         multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}

@@ -11,17 +11,25 @@ from tsmblocks.fitting.parameter_vector import Unknown
 FAR_ERROR = 1e3
 """Mean square [noise variances] of a base from which fits start at the diagram's own parameters as well. Chosen: beside
 an error of 30 times the noise, the stiffness of a shaft with a gap was fitted at half of its value."""
+MAX_FACTOR = 3.0
+"""Ratio of a fitted value to the diagram's, or its inverse, from which it is far. Chosen: a data sheet is better."""
 HELD_WITHIN = 1e-9
 """Relative half width of the bounds of a parameter that is held. Chosen: no output changes by as much as its noise."""
+
+
+def is_rough(model: Model) -> bool:
+    """Whether a base is so far from the measurements that its parameters say little."""
+    return model.mean_square > FAR_ERROR
 
 
 def at_own_parameters(model: Model) -> Model | None:
     """A base with the parameters of the diagram, of which initial states alone are fitted.
 
-    None where the base is near the measurements, or the parameters of the diagram do not simulate. Parameters that were
-    fitted without a large effect compensate for it, and from those no fit with the effect may arrive at its optimum.
+    None where the base is near the measurements with parameters near the diagram's, or the parameters of the diagram do
+    not simulate. Parameters that were fitted without a large effect compensate for it, and from those no fit with the
+    effect may arrive at its optimum.
     """
-    if model.mean_square <= FAR_ERROR:
+    if not (is_rough(model) or _has_moved_far(model)):
         return None
     unknowns = model.problem.unknowns
     items = [one if one.experiment else _fixed(one) for one in unknowns.items]
@@ -33,6 +41,14 @@ def at_own_parameters(model: Model) -> Model | None:
         return None
     theta = optimized(fixed, model.setup, starts[best]).theta
     return model_at(model.problem, model.setup, end_at(model.problem, theta))
+
+
+def _has_moved_far(model: Model) -> bool:
+    """Whether a parameter was fitted to several times the diagram's, or changed its sign."""
+    unknowns = model.problem.unknowns
+    scaled = ~unknowns.is_local & (unknowns.start != 0) & ~np.array([k.endswith(".bias") for k in unknowns.names])
+    factors = model.theta[scaled] / unknowns.start[scaled]
+    return bool(((factors < 1 / MAX_FACTOR) | (factors > MAX_FACTOR)).any())
 
 
 def _fixed(item: Unknown) -> Unknown:

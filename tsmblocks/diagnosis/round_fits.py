@@ -41,18 +41,20 @@ def fits_from_starts(
     return fits
 
 
-def fits_beside_rough_base(
+def fits_beside_own(
     scores: Sequence[ScreeningScore],
     chosen: Sequence[ScreeningScore],
     known: FittedCandidate | None,
     own: Model,
     search: SearchContext,
+    *,
+    rough: bool,
 ) -> list[Fit]:
-    """The fits beside a rough base: of each candidate the better of that from the base and that from ``own``.
+    """The fits from a base and from the diagram's ``own`` parameters: of each candidate the better of both.
 
     Screening says little from ``own``, so that all candidates take a few steps, and the best of them the rest. Finite
     differences take most of the time beside large errors: they lead to the optimum from ``own``, where dry friction is
-    far from its level, and are left out from the base.
+    far from its level, and are left out from a base that is ``rough``.
     """
     here, best = {one.candidate.key: one for one in scores}, dict[tuple[str, str, str], Fit]()
     there = [k for k in various(screened_candidates(own, {}, search)) if k.candidate.key in here][:MAX_ROUGH_TRIALS]
@@ -61,7 +63,11 @@ def fits_beside_rough_base(
     )
     first = various([one.score for one in tried])[:MAX_ROUGH_FITS]
     ends = [_continued(one) for one in tried if one.score in first]
-    for one in (*ends, *fits_from_starts(chosen[:MAX_ROUGH_FITS], known, search, coarse=False)):
+    if rough:
+        usual = fits_from_starts(chosen[:MAX_ROUGH_FITS], known, search, coarse=False)
+    else:
+        usual = fits_from_starts(chosen, known, search)
+    for one in (*ends, *usual):
         key = one.score.candidate.key
         if key not in best or one.model.mean_square < best[key].model.mean_square:
             best[key] = one._replace(score=here[key])
