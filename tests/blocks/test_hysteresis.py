@@ -22,6 +22,7 @@ from tsmblocks.blocks.hysteresis import (
     TaoBacklash,
     slope,
 )
+from tsmblocks.blocks.tendon import CapstanFriction
 
 W = 2 * np.pi * 0.2
 AMPLITUDE = np.deg2rad(55.0)
@@ -29,6 +30,7 @@ SINE = {"x": lambda t: AMPLITUDE * np.sin(W * t), "v": lambda t: AMPLITUDE * W *
 ALL = [
     AsymmetricBoucWen,
     BoucWen,
+    CapstanFriction,
     DahlHysteresis,
     ElasticBacklash,
     GeneralizedBoucWen,
@@ -432,3 +434,36 @@ def test_the_rate_behind_a_play_is_that_of_its_output(step):
     slope = (sheath.alpha1 + sheath.alpha2 + np.tanh(1.0) * (sheath.alpha1 - sheath.alpha2)) / 2
     moving = t > 0.2 + 2 * step
     assert y[moving] == pytest.approx((slope * travel + zeta)[moving], abs=0.2 * step)
+
+
+# ---- a tendon in its sheath
+
+
+def test_capstan_friction_is_play_in_the_logarithm_of_the_tension():
+    p = CapstanFriction(mu=0.15, angle=2.0, pretension=5.0, m=0.0)
+    inputs = {"u": lambda t: 3.0 * np.sin(2.1 * t) + 1.2 * np.sin(7.3 * t)}
+    run = simulate(p, inputs, stop=6.0, step=1e-3)
+    log = {"u": lambda t: np.log(5.0 + inputs["u"](t))}
+    expected = simulate(Play(half_width=0.3, m=np.log(5.0)), log, stop=6.0, step=1e-3)
+    assert np.allclose(run["y"], np.exp(expected["y"]) - 5.0, atol=1e-9)
+
+
+def test_capstan_friction_holds_the_tendon_between_the_edges_of_the_band():
+    p = CapstanFriction(mu=0.1, angle=1.0, pretension=10.0)
+    pulled, released = value(p, {"m": 0.0}, u=5.0)["y"], value(p, {"m": 0.0}, u=-5.0)["y"]
+    assert pulled == pytest.approx(15.0 * np.exp(-0.1) - 10.0)
+    assert released == pytest.approx(5.0 * np.exp(0.1) - 10.0)
+    assert value(p, {"m": 0.3}, u=0.2)["y"] == pytest.approx(0.3)  # within the band it rests
+
+
+def test_a_cable_that_pushes_rubs_as_well():
+    p = CapstanFriction(mu=0.1, angle=1.0, pretension=1.0)
+    assert value(p, {"m": 0.0}, u=-3.0)["y"] == pytest.approx(-2.0 * np.exp(-0.1) - 1.0)
+    assert value(p, {"m": -9.0}, u=-3.0)["y"] == pytest.approx(-2.0 * np.exp(0.1) - 1.0)
+    assert value(p, {"m": 5.0}, u=-1.0)["y"] == pytest.approx(-1.0)
+
+
+def test_without_friction_a_tendon_passes_its_tension_on():
+    p = CapstanFriction(mu=0.0, pretension=2.0)
+    for u in (-1.5, 0.0, 0.7):
+        assert value(p, {"m": 9.0}, u=u)["y"] == pytest.approx(u)

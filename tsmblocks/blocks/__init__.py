@@ -98,6 +98,7 @@ from tsmblocks.blocks.switching import Enable as Enable
 from tsmblocks.blocks.switching import Trigger as Trigger
 from tsmblocks.blocks.tables import LookupTable as LookupTable
 from tsmblocks.blocks.tables import LookupTable2D as LookupTable2D
+from tsmblocks.blocks.tendon import CapstanFriction as CapstanFriction
 from tsmblocks.blocks.transmission import AsymmetricGain as AsymmetricGain
 from tsmblocks.blocks.transmission import Bend as Bend
 from tsmblocks.blocks.transmission import Bow as Bow

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
-from tsmblocks.blocks import LoopAsymmetry, NonlocalMemory, Play, PositionDependentLoop, Stretch, StribeckStretch
+from tsmblocks.blocks import (
+    CapstanFriction,
+    LoopAsymmetry,
+    NonlocalMemory,
+    Play,
+    PositionDependentLoop,
+    Stretch,
+    StribeckStretch,
+)
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
@@ -12,6 +21,8 @@ from tsmblocks.effects.variants import across, in_front, on_branch, on_input, on
 
 PLAY_WIDTHS = (0.04, 0.15, 0.45)
 """Starting half widths of the plays of a nonlocal memory [half the range]. Chosen: a factor of three apart."""
+MAX_PRETENSION = 10.0
+"""Tension at the slack end of the motion, at most [half the range]. Chosen: the band is then as wide everywhere."""
 _PLAYS = NonlocalMemory(weights=(0.0,) * len(PLAY_WIDTHS), radii=PLAY_WIDTHS)
 _WEIGHTS, _RADII = (tuple(f"{name}[{k}]" for k in range(len(PLAY_WIDTHS))) for name in ("weights", "radii"))
 
@@ -20,6 +31,18 @@ def _backlash_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     widths = tuple({"half_width": share * reach} for share in (0.001, 0.003, 0.01, 0.03, 0.08, 0.2, 0.4))
     return Trials({}, widths, bounds={"half_width": (0.0, 5 * reach)})
+
+
+def _capstan_trials(scales: Scales) -> Trials:
+    """The tendon is slack at one end of the motion, or far from slack: then the band is as wide everywhere."""
+    low, reach = scales.wire.low, scales.wire.reach
+    shapes = tuple(
+        {"pretension": tension * reach - low, "mu": width / (tension + 1)}
+        for tension in (0.05, 0.4, 1.5)
+        for width in (0.003, 0.01, 0.03, 0.08, 0.2)
+    )
+    bounds = {"mu": (0.0, 1.5), "pretension": (-0.5 * reach - low, MAX_PRETENSION * reach - low)}
+    return Trials({}, shapes, bounds=bounds)
 
 
 def _hysteresis_trials(scales: Scales) -> Trials:
@@ -71,6 +94,11 @@ def _width_of_plays(parameters: Mapping[str, float], _: Scales) -> float:
     return 2 * sum(parameters[w] * parameters[r] for w, r in zip(_WEIGHTS, _RADII, strict=True))
 
 
+def _capstan_width(parameters: Mapping[str, float], scales: Scales) -> float:
+    """The width of the band in which friction holds the tendon in the middle of the motion."""
+    return 2 * math.sinh(parameters["mu"] * parameters["angle"]) * (scales.wire.middle + parameters["pretension"])
+
+
 LOOP_WIDTH = in_proportion("loop width", "half_width", factor=2.0)
 """The width of a loop after long travel, from its half."""
 BACKLASH = Effect(
@@ -87,6 +115,27 @@ BACKLASH = Effect(
     confused=("nonlocal_memory", "hysteresis", "presliding_friction"),
     separates="two amplitudes, minor loops, or an odd multisine",
     sizes=(in_proportion("gap width", "half_width", factor=2.0),),
+)
+CAPSTAN = Effect(
+    "capstan_friction",
+    "loop",
+    "friction in proportion to the tension (a tendon in its sheath)",
+    "output",
+    CapstanFriction(mu=0.0, angle=1.0),
+    {"mu": 0.0},
+    ("mu", "pretension"),
+    _capstan_trials,
+    excites="reversals at several positions, at two amplitudes or more",
+    settled=("m",),
+    confused=("position_dependent_friction", "backlash", "hysteresis"),
+    separates="small reversals at several positions",
+    within=("mu", "pretension"),
+    contains=("backlash",),
+    sizes=(
+        in_proportion("coefficient of friction times bend angle", "mu", ""),
+        in_proportion("pretension", "pretension"),
+        Size("loop width in the middle of the motion", _capstan_width),
+    ),
 )
 MEMORY = Effect(
     "nonlocal_memory",
@@ -188,6 +237,8 @@ EFFECTS = (
     in_front(STRIBECK, "hysteresis that narrows with the speed, in front of the model"),
     ASYMMETRY,
     on_input(ASYMMETRY, "loop"),
+    CAPSTAN,
+    in_front(CAPSTAN, "friction in proportion to the tension (a tendon in its sheath), in front of the model"),
     MEMORY,
     across(MEMORY, "memory", "by the input"),
     POSITION_DEPENDENCE,

@@ -6,6 +6,7 @@ from tsmblocks.common.errors import bare_name
 
 _GIVEN = {
     "backlash": "play, gap, clearance, slack, lost motion",
+    "capstan_friction": "sheath friction, belt friction, tendon friction",
     "coulomb_friction": "dry friction, friction, stick slip",
     "stribeck_friction": "stiction, static friction, breakaway",
     "presliding_friction": "dahl, lugre, presliding",

@@ -32,6 +32,7 @@ FAMILY_WORDS = {
     "logic": "Comparisons, logic operations, modes, and diagrams that are switched on and off.",
     "friction": "Forces that resist a motion, as functions of its rate and its history.",
     "hysteresis": "Transmissions with memory: the paper's models, play, and similar ones.",
+    "tendon": "Tendons in sheaths.",
     "control": "Controllers, and the paper's observer and compensator.",
     "motor": "Motors.",
     "discrete": "Blocks that act at multiples of a period and hold in between.",

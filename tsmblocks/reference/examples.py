@@ -99,7 +99,7 @@ def _all(port: str, source: Block, names: str) -> dict[str, dict[str, Block]]:
 
 
 DRIVE: dict[str, dict[str, Block]] = {
-    **_all("u", TWO, "Play TaoBacklash PrandtlIshlinskii NonlocalMemory Stretch StribeckStretch"),
+    **_all("u", TWO, "CapstanFriction Play TaoBacklash PrandtlIshlinskii NonlocalMemory Stretch StribeckStretch"),
     **_all(
         "x", SLOW, "AsymmetricBoucWen BoucWen DahlHysteresis ElasticBacklash GeneralizedBoucWen FeedforwardCompensator"
     ),

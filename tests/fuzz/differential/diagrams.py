@@ -210,6 +210,7 @@ KINKED: list[Make] = [
 ]
 REMEMBERING: list[Make] = [
     lambda r: B.Play(half_width=_some(r, 0, 0.5), gain=_either(r, 0.5, 1.5), m=_either(r, 0, 0.5)),
+    lambda r: B.CapstanFriction(mu=_some(r, 0, 0.4), pretension=_either(r, 0.2, 2.0), m=_either(r, 0, 0.5)),
     lambda r: B.TaoBacklash(B1=_some(r, 0.05, 0.3), B2=_some(r, 0.05, 0.3), m=_either(r, 0, 0.2)),
     lambda r: B.PrandtlIshlinskii(
         radii=(_some(r, 0, 0.2), 0.3), weights=(0.5, _either(r, 0, 0.5)), x0=r.choice(((), (0.1, -0.2)))

@@ -22,6 +22,12 @@ def _tao(b: Any, t: Any, x: Any, u: Any) -> Any:
     return n.larger(b.c1 * (u.u - b.B1), n.smaller(b.c2 * (u.u + b.B2), x.m))
 
 
+def _capstan(b: Any, t: Any, x: Any, u: Any) -> Any:
+    tension, ratio = u.u + b.pretension, n.exp(b.mu * b.angle)
+    edges = tension / ratio, tension * ratio
+    return n.larger(n.smaller(*edges), n.smaller(n.larger(*edges), x.m + b.pretension)) - b.pretension
+
+
 def _plays(b: Any, x: Any, u: Any) -> list[Any]:
     return [_play(u.u, r, getattr(x, f"m{k}")) for k, r in enumerate(b.radii, 1)]
 
@@ -39,6 +45,7 @@ law(
     lambda b, t, x, u: b.gain * _play(u.u, b.half_width, x.m),
     updates={"m": lambda b, t, x, u: _play(u.u, b.half_width, x.m)},
 )
+law("CapstanFriction", _capstan, updates={"m": _capstan})
 law("TaoBacklash", _tao, updates={"m": _tao})
 
 
