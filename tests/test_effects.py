@@ -30,6 +30,7 @@ from tsmblocks.simulation.compiled import equations
 CONTRACT = {family: set(names.split()) for family, names in FAMILIES.items() if family != "unknown"}
 ADDED = {
     "friction": {"viscous_friction"},
+    "loop": {"capstan_friction"},
     "load": {"stiffness", "end_stop"},
     "map": {"asymmetric_gain", "gain_error", "offset"},
 }

@@ -15,8 +15,8 @@ class CapstanFriction(Block):
 
     .. math::
 
-        y = \max\left(T \cosh c - |T| \sinh c, \min\left(T \cosh c + |T| \sinh c, T_0 + m\right)\right) - T_0,
-        \qquad T = u + T_0, \qquad c = \mu\varphi
+        y = \max(u + w - h, \min(u + w + h, m)), \qquad
+        w = T (\cosh c - 1), \qquad h = |T| \sinh c, \qquad T = u + T_0, \qquad c = \mu\varphi
 
     T is the tension at the driving end, the sum of the pretension and of what the drive adds. The other end rests while
     its tension is between T exp(-c) and T exp(c), where friction holds the tendon, and follows at both edges: a play in
@@ -47,5 +47,5 @@ class CapstanFriction(Block):
 
     def _far_end(self, x: Any, u: Any) -> Any:
         tension, c = u.u + self.pretension, self.mu * self.angle
-        middle, half = tension * ca.cosh(c), ca.fabs(tension) * ca.sinh(c)
-        return ca.fmax(middle - half, ca.fmin(middle + half, self.pretension + x.m)) - self.pretension
+        middle, half = tension * (ca.cosh(c) - 1), ca.fabs(tension) * ca.sinh(c)  # less u: exact without friction
+        return ca.fmax(u.u + middle - half, ca.fmin(u.u + middle + half, x.m))

@@ -15,7 +15,7 @@ MAX_FACTOR = 3.0
 
 
 FAR = 1.5
-"""The same, where no effect is found, from which a value is said to be far from the first one. Chosen: more than the
+"""The same, where no effect is found, from which a value is reported as far from the first one. Chosen: more than the
 tolerance of most data sheets."""
 
 
