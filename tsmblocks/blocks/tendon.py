@@ -6,6 +6,7 @@ from typing import Any
 
 import casadi as ca
 
+from tsmblocks.blocks.hysteresis import play
 from tsmblocks.model.block import Block, Input, Output, block, parameter, state
 
 
@@ -47,5 +48,5 @@ class CapstanFriction(Block):
 
     def _far_end(self, x: Any, u: Any) -> Any:
         tension, c = u.u + self.pretension, self.mu * self.angle
-        middle, half = tension * (ca.cosh(c) - 1), ca.fabs(tension) * ca.sinh(c)  # less u: exact without friction
-        return ca.fmax(u.u + middle - half, ca.fmin(u.u + middle + half, x.m))
+        away = tension * (ca.cosh(c) - 1)  # the middle of the band, from u: zero without friction
+        return play(u.u + away, ca.fabs(tension) * ca.sinh(c), x.m)
