@@ -71,11 +71,12 @@ def separating_experiment(
         return own.separates
     if not best.size >= MIN_SEPARATION:
         return (
-            f"{own.separates}, in a larger range or at a higher speed than recorded. No motion within the recorded "
-            f"range and speed separates them (expected difference {to_digits(best.size)} times the noise; "
+            f"{own.separates}; or a larger range or a higher speed than recorded. No motion within the recorded range "
+            f"and speed separates them (expected difference {to_digits(best.size)} times the noise; "
             f"{to_digits(MIN_SEPARATION)} is needed)"
         )
-    return f"{best.words} (expected difference {to_digits(best.size)} times the noise)"
+    enough = f", rms; {to_digits(MIN_SEPARATION)} is enough" if best.size < 1 else ""  # of thousands of samples
+    return f"{best.words} (expected difference {to_digits(best.size)} times the noise{enough})"
 
 
 def separations(

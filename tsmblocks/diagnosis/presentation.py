@@ -15,6 +15,7 @@ from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BIN_COUNT, axis_title, binned, coordinate_unit, coordinates
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
+from tsmblocks.effects.sizes import MILLISECONDS
 from tsmblocks.fitting.parameters import numbers
 from tsmblocks.model import parameter_units
 from tsmblocks.model.diagram import Diagram
@@ -34,7 +35,14 @@ def with_interval(q: Quantity) -> str:
     half = (q.high - q.low) / 2
     if not np.isfinite(half) or half == 0:
         return in_display_units(q.value, q.unit) + (" (not determined)" if half else "")
-    return plus_minus(q.value, half, q.unit)
+    k, unit = _of_size(q.value, q.unit)
+    return plus_minus(k * q.value, k * half, unit)
+
+
+def _of_size(value: float, unit: str) -> tuple[float, str]:
+    """Factor and unit in which a number has few digits: a time of a second or more is in seconds."""
+    in_seconds = unit == "ms" and abs(value) >= MILLISECONDS
+    return (1 / MILLISECONDS, "s") if in_seconds else (1.0, unit)
 
 
 def digits(value: float) -> str:
@@ -49,8 +57,9 @@ def _plain(text: str) -> str:
 
 def in_display_units(value: float, unit: str) -> str:
     """A number with its unit for display: three digits, in the unit of a recording, angles in degrees."""
+    factor, unit = _of_size(value, unit)
     k, shown = display_unit(unit)
-    return f"{_plain(f'{k * value:.3g}')} {shown}".rstrip()
+    return f"{_plain(f'{k * factor * value:.3g}')} {shown}".rstrip()
 
 
 def unit_of(diagram: Diagram, parameter: str) -> str:

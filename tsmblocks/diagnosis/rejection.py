@@ -78,7 +78,7 @@ def why_named(named: FittedCandidate, indistinguishable: Sequence[FittedCandidat
     if all(named.loss <= one.loss for one in others if one.parameter_count <= count):
         few = "of those with as few parameters it leaves the least error on held-out data"
         return f"{named.candidate.effect.name} is named because {few}."
-    return f"{named.candidate.effect.name} is named because it was the simplest when it was found."
+    return f"{named.candidate.effect.name} was named before the others were in the model, as the simplest or the best."
 
 
 def _unfit(one: FittedCandidate) -> str:

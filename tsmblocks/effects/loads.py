@@ -101,7 +101,7 @@ def _spring(name: str, words: str, part: str, other: str, power: int) -> Effect:
         confused=("position_ripple", "saturation"),
         separates="two amplitudes",
         variant="spring",
-        sizes=(Size("force at the ends of the motion", lambda p, scales: p[part] * scales.other.reach**power),),
+        sizes=(Size("force at half the range of the motion", lambda p, scales: p[part] * scales.other.reach**power),),
     )
 
 

@@ -173,7 +173,7 @@ def _slack(side: str) -> Effect:
         trials,
         excites="motion into the slack range",
         confused=("even_nonlinearity", "position_ripple"),
-        separates="a slow ramp over the full range, at two pretensions",
+        separates="a slow ramp over the full range; of a tendon, at two pretensions",
         variant=f"{side} end",
         contains=("asymmetric_gain",),
         sizes=(in_proportion("slope lost", "share", "%", PERCENT), in_proportion("edge", "edge")),
