@@ -15,7 +15,7 @@ from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.common.tables import unique_names
 from tsmblocks.diagnosis.direction import with_opposite_motion
-from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_no_motion
+from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_no_motion, is_speed
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.replacements import ReplacementPoint, replacements
@@ -214,7 +214,8 @@ def candidates(
         for point in points:
             if (point.place, point.adds) != (effect.place, effect.adds) or (pieces and effect.local):
                 continue
-            if effect.of_motion and is_no_motion(base.unit(point.signal) or recorded.get(point.signal, "")):
+            unit = base.unit(point.signal) or recorded.get(point.signal, "")
+            if effect.of_motion and (is_no_motion(unit) or is_speed(unit)):
                 continue
             scales = wires.scales(point)
             trials = _trials(effect, scales)

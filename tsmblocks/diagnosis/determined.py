@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
@@ -12,6 +14,11 @@ from tsmblocks.fitting.summary import unknown_sizes
 
 SIGNIFICANCE_LEVEL = 0.05
 """Probability that an effect of size zero is taken for determined. Chosen: that of the intervals that are reported."""
+SMALL_ANGLE = 1e-6
+"""Part of a direction without effect from which an initial state that shows by an effect alone is in it. Chosen: beyond
+rounding; a small turn of the phase of a ripple changes the smaller one of its amplitudes much."""
+ALONE = 0.999
+"""Length of an unknown in the space of directions without effect from which it has none by itself. Chosen: rounding."""
 MIN_EIGENVALUE_SHARE = 1e-10
 """Share of a correlation matrix's largest eigenvalue below which a direction is one with another. Chosen: rounding."""
 
@@ -21,10 +28,15 @@ def redundant_parameters(model: Model, base: Model) -> tuple[str, ...]:
     of an effect in each experiment make up for, such as a common offset beside separate ones; the last ones of it.
 
     An effect behind them has a size only with these held: it is then counted in the units that they set. A single
-    parameter of an effect that one of the base makes up for adds nothing, and has no size.
+    parameter of an effect that one of the base makes up for adds nothing, and has no size. An initial state that shows
+    by the effect alone, such as the angle at which a recording of the speed begins, is held where it is redundant.
     """
     names, known = model.problem.unknowns.names, set(base.problem.unknowns.names)
-    found, null = _held_back(base, directions_without_effect(base), known), directions_without_effect(model)
+    null_of_base, local = directions_without_effect(base), base.is_local
+    alone = np.linalg.norm(null_of_base, axis=1) > ALONE
+    idle = {name for name, own in zip(base.problem.unknowns.names, local & alone, strict=True) if own}
+    found, null = _held_back(base, null_of_base, known), directions_without_effect(model)
+    found += _held_back(model, null, idle, idle)
     for k in (k for k, name in enumerate(names) if name in found):
         null = _without(null, k)
     single = [name not in known and not local for name, local in zip(names, model.is_local, strict=True)]
@@ -42,11 +54,16 @@ def _without(null: np.ndarray, k: int) -> np.ndarray:
     return null @ np.linalg.svd(null[k : k + 1])[2][1:].T if np.abs(null[k]).max(initial=0.0) > 0 else null
 
 
-def _held_back(model: Model, null: np.ndarray, known: set[str]) -> list[str]:
-    """The last unknowns of all experiments among ``known`` that are held so that nothing moves along directions."""
+def _held_back(model: Model, null: np.ndarray, known: set[str], local: Collection[str] = ()) -> list[str]:
+    """The last unknowns of all experiments among ``known`` that are held so that nothing moves along directions.
+
+    Of those of single experiments the ones in ``local`` are held as well.
+    """
     names, found = model.problem.unknowns.names, list[str]()
-    for k in reversed(np.flatnonzero(~model.is_local).tolist()):
-        if names[k] in known and np.abs(null[k]).max(initial=0.0) >= SMALL:
+    may = ~model.is_local | np.isin(names, list(local))
+    for k in reversed(np.flatnonzero(may).tolist()):
+        least = SMALL_ANGLE if names[k] in local else SMALL
+        if names[k] in known and np.abs(null[k]).max(initial=0.0) >= least:
             found.append(names[k])
             null = _without(null, k)
     return found

@@ -137,6 +137,7 @@ def insertion_points(
             found.append(InsertionPoint("drive", name, signal, before=drive))
             if not is_no_motion(unit):
                 found.append(_against_motion("brake" if speed else "load", name, diagram, drive, source))
+            found += [_against_motion("load", name, diagram, drive, k) for k in _positions(diagram, source) if speed]
         for port, moved in _inner_drives(diagram, name, drive):
             found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
             if moved != source or not is_no_motion(unit):
@@ -280,9 +281,22 @@ def is_speed(unit: str) -> bool:
     return is_one_of(unit, SPEED_DIMENSIONS)
 
 
+def is_position(unit: str) -> bool:
+    """Whether a unit is that of a position, an angle or a length; one that is not known is none."""
+    return is_one_of(unit, POSITION_DIMENSIONS)
+
+
 def is_no_motion(unit: str) -> bool:
     """Whether a unit is known, and that of no motion."""
     return is_one_of(unit, NO_MOTIONS)
+
+
+def _positions(diagram: Diagram, speed: str) -> Iterator[str]:
+    """The positions that blocks make of a speed; they need not be measured."""
+    for head in dict.fromkeys(x.target[0] for x in diagram.links if ".".join(x.source) == speed):
+        for port in diagram.blocks[head].outports:
+            if is_position(diagram.unit(f"{head}.{port}")):
+                yield f"{head}.{port}"
 
 
 def _inner_drives(diagram: Diagram, output: str, nearest: str) -> Iterator[tuple[str, str]]:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from tsmblocks.common.tables import listed
+from tsmblocks.diagnosis.insertion_points import is_speed
+from tsmblocks.diagnosis.limits import NO_PLACE
 from tsmblocks.diagnosis.segment import Gap, Segment
 from tsmblocks.diagnosis.verdict_text import slow_noise
 from tsmblocks.effects import catalogue
@@ -14,6 +16,8 @@ from tsmblocks.effects import catalogue
 MIN_OTHERS, ODD_RATIO = 2, 1.5
 """Number of other experiments at least, and error over the largest of theirs, from which one stands out. Chosen: noise
 of one sensor varies by less."""
+RIPPLE = "position_ripple"
+"""The effect that needs a position."""
 COMPARE_STRUCTURES = "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare."
 NOISE_RATIO = 5.0
 """Residual over the noise floor up to which the noise itself is worth knowing. Chosen: slow noise is rarely more."""
@@ -49,11 +53,13 @@ def next_steps(segment: Segment) -> list[str]:
             *alone,
             repeat,
             *([floor] if near and not given else []),
+            *_integrate_a_speed(segment),
             "If it does not repeat: record other possible causes (a load, a second input, the temperature, a supply).",
         ]
     return [
         *alone,
         *_others_to_try(segment),
+        *_integrate_a_speed(segment),
         COMPARE_STRUCTURES,
         *([SHOW_SHAPE] if segment.where else []),
         "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
@@ -95,6 +101,18 @@ def _others_to_try(segment: Segment) -> list[str]:
     if not others or not segment.limits:
         return []
     return [f"Try the other {len(others)} effects of the catalogue as well: leave out effects (--effects)."]
+
+
+def _integrate_a_speed(segment: Segment) -> list[str]:
+    """Where a speed is measured and the diagram has no position: what depends on the position was not tried."""
+    speeds = [gap.output for gap in segment.gaps if is_speed(gap.unit)]
+    missing = [one.name for one in segment.limits if one.name == RIPPLE and one.cause == NO_PLACE]
+    if not speeds or not missing:
+        return []
+    return [
+        f"Put an Integrator behind {speeds[0]} in the diagram: without a position, a ripple of the force over the "
+        "position (cogging, torque ripple) was not tried."
+    ]
 
 
 def _odd_experiments(segment: Segment) -> list[str]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.diagnosis.insertion_points import InsertionPoint
+from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_position, is_speed
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_model
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.parameters import named_by
@@ -66,11 +66,13 @@ def partition(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
     """
     wires = [(x.source[0], x.target[0]) for x in diagram.links]
     cut: dict[str, list[Link]] = {}
+    seen = {diagram.shown[name][0] for name in measured}
     for name in measured:
         source = diagram.shown[name]
         if not source[0] or name in diagram.inputs:
             continue
         away = [x for x in diagram.links if x.source == source and source[0] not in _reached(x.target[0], wires)]
+        away = [x for x in away if not _is_position_of_speed(diagram, x, seen)]
         taken = {x for links in cut.values() for x in links}
         if away and not taken & set(away):
             cut[name] = away
@@ -79,6 +81,16 @@ def partition(diagram: Diagram, measured: Sequence[str]) -> list[Part]:
     result = [_part(diagram, group, links, cut, measured) for group in _groups(diagram, links)]
     kept = [part for part in result if part.outputs]
     return sorted(kept, key=lambda part: min(list(measured).index(k) for k in part.outputs)) if len(kept) > 1 else kept
+
+
+def _is_position_of_speed(diagram: Diagram, link: Link, measured: Collection[str]) -> bool:
+    """Whether a wire leads from a speed to a block that makes a position of it, which is not measured.
+
+    What moves a motor may depend on its angle, as a ripple of its torque does.
+    """
+    head = link.target[0]
+    made = any(is_position(diagram.unit(f"{head}.{port}")) for port in diagram.blocks[head].outports)
+    return made and head not in measured and is_speed(diagram.unit(".".join(link.source)))
 
 
 def _reached(start: str, wires: Sequence[tuple[str, str]]) -> set[str]:

@@ -107,7 +107,7 @@ class Effect:
         The words where the signal on which it acts is of another quantity: ``"position"`` (an angle or a length),
         ``"speed"``, or ``"other"``.
     of_motion : bool, default False
-        Whether it acts along a motion only, so that it is not looked for on a current, a force or a pressure.
+        Whether it acts along a motion only, so that it is not looked for on a current, a force, a pressure or a speed.
     sharp : tuple of str, default ()
         Parameters that smooth a corner of its form: at their lower bound the corner is sharp, and its sizes hold.
     of_gain : bool, default False

@@ -32,6 +32,9 @@ MIN_PERIODS = 1.15
 """Periods of a ripple in the range of motion, at least. Chosen: fewer are a nonlinear characteristic."""
 MAX_PERIODS = {2: 40.0, 4: 20.0}
 """The same at most, by the number of amplitudes. Chosen: 80 simulations for each of two."""
+PER_TURN = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 15, 16, 18, 20, 21, 22, 24, 28, 30, 36)
+"""Periods of a ripple in a turn that are tried over a motion of many turns, where the position is an angle: pole pairs,
+slots, commutations. Chosen."""
 ONE_HARMONIC, TWO_HARMONICS = ("cosine", "sine"), ("cosine", "sine", "cosine2", "sine2")
 """Names of the amplitudes of a ripple with one harmonic, and with two."""
 MIN_SHARE_OF_SIGN = 0.1
@@ -141,8 +144,10 @@ def ripple_trials(reach: float, size: float, names: tuple[str, ...]) -> Trials:
     # A start that is off by a quarter of a period over the whole range converges to the right one.
     periods = (1.2, 1.35, 1.5, 1.75, *np.arange(2.0, MAX_PERIODS[len(names)], 0.5).tolist())
     shapes = tuple({"cycles": math.pi * n / reach} for n in periods)
-    bounds = {"cycles": (MIN_PERIODS * math.pi / reach, max(MAX_PERIODS.values()) * math.pi / reach)}
-    return Trials(dict.fromkeys(names, size), shapes, bounds=bounds)
+    most = max(MAX_PERIODS.values()) * math.pi / reach
+    turns = tuple({"cycles": float(n)} for n in PER_TURN if n > most)  # over many turns of a motor
+    bounds = {"cycles": (MIN_PERIODS * math.pi / reach, max(most, 1.1 * PER_TURN[-1] if turns else 0.0))}
+    return Trials(dict.fromkeys(names, size), (*shapes, *turns), bounds=bounds)
 
 
 def _position_ripple_trials(scales: Scales, names: tuple[str, ...]) -> Trials:

@@ -29,7 +29,7 @@ def beyond_range(fit: Fit) -> list[str]:
     if fit.status in ("interrupted", "limit"):
         return []
     fields, said = numbers(fit.diagram), []
-    acting = [(e, fields[e.name][0]) for e in fit.estimates if e.name in fields and fields[e.name][0].acts_at]
+    acting = [(e, fields[e.name][0]) for e in fit.estimates if fields.get(e.name) and fields[e.name][0].acts_at]
     runs: dict[str, Any] | None = None
     for estimate, field in acting:
         source = _source(fit.diagram, f"{estimate.name.rpartition('.')[0]}.{field.acts_at}")
