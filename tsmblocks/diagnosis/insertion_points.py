@@ -134,10 +134,7 @@ def insertion_points(
         if driving not in ("", source) and not is_no_motion(unit):
             found.append(InsertionPoint("mode", name, source, other=driving, after=source))
         if signal != source:  # an output that is its own drive has no drive in front of it
-            found.append(InsertionPoint("drive", name, signal, before=drive))
-            if not is_no_motion(unit):
-                found.append(_against_motion("brake" if speed else "load", name, diagram, drive, source))
-            found += [_against_motion("load", name, diagram, drive, k) for k in _positions(diagram, source) if speed]
+            found += _at_the_drive(diagram, name, source, drive, unit)
         for port, moved in _inner_drives(diagram, name, drive):
             found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
             if moved != source or not is_no_motion(unit):
@@ -297,6 +294,15 @@ def _positions(diagram: Diagram, speed: str) -> Iterator[str]:
         for port in diagram.blocks[head].outports:
             if is_position(diagram.unit(f"{head}.{port}")):
                 yield f"{head}.{port}"
+
+
+def _at_the_drive(diagram: Diagram, name: str, source: str, drive: str, unit: str) -> Iterator[InsertionPoint]:
+    """The wire that drives a measured output of a unit, alone and with the motion that a force there resists."""
+    yield InsertionPoint("drive", name, source_of(diagram, drive), before=drive)
+    if not is_no_motion(unit):
+        yield _against_motion("brake" if is_speed(unit) else "load", name, diagram, drive, source)
+    for position in _positions(diagram, source) if is_speed(unit) else ():
+        yield _against_motion("load", name, diagram, drive, position)
 
 
 def _inner_drives(diagram: Diagram, output: str, nearest: str) -> Iterator[tuple[str, str]]:

@@ -22,6 +22,7 @@ from tsmblocks.effects import catalogue
 from tsmblocks.effects.effect import sizes_of
 from tsmblocks.effects.sizes import PERCENT
 from tsmblocks.fitting.inner_products import square
+from tsmblocks.fitting.parameters import numbers
 from tsmblocks.fitting.recordings import as_recorded
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import intervals, moved
@@ -142,11 +143,8 @@ class Estimate:
         (column,) = of
         name = candidate.name_in_block(self.model.problem.unknowns.items[column].parameter)
         wire = scales.other if isinstance(block, Diagram) else scales.wire
-        while isinstance(block, Diagram):
-            inner, _, name = name.partition(".")
-            block = block.blocks[inner]
-        field = block.fields().get(name)
-        if field is None or not (field.opposite and field.acts_at):
+        fields = numbers(block).get(name, []) if isinstance(block, Diagram) else [block.fields().get(name)]
+        if not any(one is not None and one.opposite and one.acts_at for one in fields):
             return True
         limit = self.model.theta[column]
         margin = MIN_CUT * (wire.high - wire.low)
