@@ -72,7 +72,7 @@ def cautions(fit: Fit, across: Mapping[str, float | None], complete: bool = True
     ``across`` is that of ``do_not_carry_over``, for each block that was added; ``complete`` is False where the model
     leaves more than noise. Of correlations those with a parameter of an effect count: others do not bear on it.
     """
-    fit = _with_correlations_of(fit, across)
+    fit = without(_with_correlations_of(fit, across), _idle(fit))
     every, others = estimate_cautions(fit), estimate_cautions(without(fit, _states(fit)))
     few = len(every) - len(others) <= MAX_STATE_CAUTIONS
     estimates = every if few else [*others, *_on_states(fit)]
@@ -90,6 +90,11 @@ def _with_correlations_of(fit: Fit, blocks: Collection[str]) -> Fit:
 def _states(fit: Fit) -> set[str]:
     """Names of the initial states of experiments."""
     return {e.name for e in fit if e.is_start and "@" in e.name}
+
+
+def _idle(fit: Fit) -> set[str]:
+    """The initial states that change nothing: their values are of no use."""
+    return {name for u in fit.undetermined if u.kind == NO_INFLUENCE for name in u.names} & _states(fit)
 
 
 def without(fit: Fit, names: Collection[str]) -> Fit:
