@@ -18,7 +18,7 @@ SMALL_ANGLE = 1e-6
 """Part of a direction without effect from which an initial state that shows by an effect alone is in it. Chosen: beyond
 rounding; a small turn of the phase of a ripple changes the smaller one of its amplitudes much."""
 ALONE = 0.999
-"""Length of an unknown in the space of directions without effect from which it has none by itself. Chosen: rounding."""
+"""Length of an unknown in the space of directions without effect from which it has none alone. Chosen: rounding."""
 MIN_EIGENVALUE_SHARE = 1e-10
 """Share of a correlation matrix's largest eigenvalue below which a direction is one with another. Chosen: rounding."""
 
