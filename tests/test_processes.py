@@ -10,6 +10,7 @@ import tsmblocks as tsm
 from tsmblocks.blocks import Bias, FirstOrderLag, Gain, Integrator, Sum
 from tsmblocks.diagnosis.credibility import notes_on_moved
 from tsmblocks.diagnosis.insertion_points import insertion_points
+from tsmblocks.diagnosis.noise_floor import noise_floors
 from tsmblocks.diagnosis.takes_over import switches_off
 from tsmblocks.effects import catalogue
 from tsmblocks.model.diagram import Diagram
@@ -87,6 +88,14 @@ def test_a_heater_that_loses_power_is_a_drift_of_the_gain_at_the_input():
 
 def test_nothing_is_said_of_a_bath_that_is_as_it_was_drawn():
     assert diagnosed().verdict == "none"
+
+
+def test_a_note_names_the_step_of_a_reading_that_is_most_of_the_noise():
+    record = recorded(1)
+    coarse = record.with_signal("temp", np.round(record["temp"]), "degC")
+    (note,) = (text for text in noise_floors({"run": coarse}, BALANCE, ["temp"], {}).notes if "quantised" in text)
+    assert note.startswith("temp is quantised in steps of 1 degC: rounding, 0.289 degC rms, is most of its noise.")
+    assert not [text for text in noise_floors({"run": record}, BALANCE, ["temp"], {}).notes if "quantised" in text]
 
 
 # ---- effects beside the model

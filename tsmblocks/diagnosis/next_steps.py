@@ -8,7 +8,7 @@ import numpy as np
 
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.insertion_points import is_speed
-from tsmblocks.diagnosis.limits import NO_PLACE
+from tsmblocks.diagnosis.limits import NO_PLACE, NOT_EXCITED
 from tsmblocks.diagnosis.segment import Gap, Segment
 from tsmblocks.diagnosis.verdict_text import slow_noise
 from tsmblocks.effects import catalogue
@@ -40,7 +40,8 @@ def next_steps(segment: Segment) -> list[str]:
     )
     alone = [] if segment.verdict == "named" and segment.complete else _odd_experiments(segment)
     if segment.verdict == "none":
-        return [*alone, *([repeat, *([] if given else [floor])] if slow_noise(segment) else [])]
+        steps = [repeat, *([] if given else [floor]), *_integrate_a_speed(segment)]
+        return [*alone, *(steps if slow_noise(segment) else [])]
     if segment.complete:
         return []
     if segment.stopped:
@@ -106,7 +107,7 @@ def _others_to_try(segment: Segment) -> list[str]:
 def _integrate_a_speed(segment: Segment) -> list[str]:
     """Where a speed is measured and the diagram has no position: what depends on the position was not tried."""
     speeds = [gap.output for gap in segment.gaps if is_speed(gap.unit)]
-    missing = [one.name for one in segment.limits if one.name == RIPPLE and one.cause == NO_PLACE]
+    missing = [one.name for one in segment.limits if one.name == RIPPLE and one.cause in (NO_PLACE, NOT_EXCITED)]
     if not speeds or not missing:
         return []
     return [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import attrs
@@ -33,6 +34,9 @@ noise comes in bursts, and 1.9 to 3.4 with disturbances that come and go."""
 MAX_FINAL_FLOOR_RATIO = 1.15
 """Noise floor over the residual rms of the final model from which the floor is too high. Chosen: the error of a good
 estimate, and the part of the noise that fitted parameters absorb."""
+
+ROUNDING_SHARE = 0.8
+"""Rms of rounding over the noise floor from which a note names the step. Chosen: two thirds of the variance."""
 
 
 @attrs.frozen
@@ -74,7 +78,8 @@ class NoiseFloors:
     """Rms noise of each output, in the diagram's unit, and the method of its estimate.
 
     ``given`` holds the text that the user gave, ``low`` and ``high`` the 95 % interval of an estimate, ``doubt``
-    doubts about it, and ``recordings`` what each recording alone shows, by output and experiment.
+    doubts about it, ``recordings`` what each recording alone shows, by output and experiment, and ``rounding`` notes on
+    outputs whose noise is the rounding of their readings.
     """
 
     sigma: Mapping[str, float]
@@ -84,14 +89,16 @@ class NoiseFloors:
     doubt: Mapping[str, str] = attrs.field(factory=dict)
     low: Mapping[str, float] = attrs.field(factory=dict)
     recordings: Mapping[str, Mapping[str, Noise]] = attrs.field(factory=dict)
+    rounding: tuple[str, ...] = ()
 
     @property
     def notes(self) -> list[str]:
-        """Doubts about the noise floors."""
-        return [
+        """Doubts about the noise floors, and where they are from rounding."""
+        doubts = [
             f"the noise floor of {name} is taken from {self.method[name]}. A better estimate failed: {text}."
             for name, text in self.doubt.items()
         ]
+        return [*doubts, *self.rounding]
 
     def largest_ratio(self, output: str) -> float:
         """The largest noise of an output that is plausible, over its floor."""
@@ -137,6 +144,19 @@ def noise_floors(
         {k: one.doubt for k, one in found.items() if one.doubt},
         {k: one.low for k, one in found.items()},
         {name: _by_recording(records, diagram, name) for name in found},
+        tuple(filter(None, (_rounding(one, as_recorded(diagram, k, [*records.values()])) for k, one in found.items()))),
+    )
+
+
+def _rounding(found: Noise, unit: str) -> str:
+    """A note where most of the noise of an output is the rounding of its reading; empty for others."""
+    step = found.quantum or 0.0
+    rms = step / math.sqrt(12.0)
+    if rms < ROUNDING_SHARE * found.floor:
+        return ""
+    return (
+        f"{found.name} is quantised in steps of {in_display_units(step, unit)}: rounding, "
+        f"{in_display_units(rms, unit)} rms, is most of its noise. Finer steps would show smaller effects."
     )
 
 
