@@ -282,7 +282,10 @@ def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     poor = tsm.compare({"line": LINEAR}, rig(), **QUICK)
     assert poor.above_noise > 1.5
     assert f"{poor.above_noise:#.2g} times the noise floor (" in str(poor).replace("\n", " ")
-    assert "). Every model leaves more than noise: all of them lack an effect, " in str(poor).replace("\n", " ")
+    assert str(poor).startswith("The error of line is ")
+    assert "). It lacks an effect, or is simulated with the wrong hold or step. " in str(poor).replace("\n", " ")
+    both = tsm.compare({"line": LINEAR, "another": LINEAR}, rig(), **QUICK)
+    assert "). Every model leaves more than noise: all of them lack an effect, " in str(both).replace("\n", " ")
     assert "A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it." in str(poor).replace("\n", " ")
     assert poor.to_dict()["noise"] == poor.noise
 

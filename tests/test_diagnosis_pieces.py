@@ -58,7 +58,7 @@ def test_a_small_friction_is_seen_in_whole_recordings():
 def test_where_errors_grow_a_large_friction_is_seen_in_pieces():
     found = diagnosed(*(recording(seed, 0.3) for seed in (1, 2)))
     assert [one.name for one in found.effects] == ["coulomb_friction"]
-    assert any("restarts every" in note for note in found.notes)
+    assert any("restarts about every" in note for note in found.notes)
 
 
 def test_an_error_that_does_not_grow_is_seen_in_whole_recordings_with_what_is_slow():

@@ -154,10 +154,9 @@ def _with_commands(part: Part, request: Request, progress: ProgressCallback, com
     settings = attrs.evolve(settings, hold=_holds(part, records, settings, commands, notes))
     if (piece := _piece_length(part, records, settings, progress)) is not None:
         records, raw, settings = _in_pieces(part, piece, records, compared, settings)
-        longest = max(float(r.t[-1] - r.t[0]) for r in records.values())
         notes.append(
-            f"{part.name}: errors of the model add up in this plant, so its simulation restarts every "
-            f"{to_digits(longest)} s, from estimated initial states."
+            f"{part.name}: errors of the model add up in this plant, so its simulation restarts about every "
+            f"{to_digits(piece)} s, from estimated initial states."
         )
     base, floors, lowered = _base(part, records, settings, progress, floors, compared)
     settings = attrs.evolve(settings, sigma=floors.sigma)

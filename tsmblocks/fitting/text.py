@@ -250,13 +250,15 @@ def _beside_noise(comparison: Comparison) -> list[str]:
         return []
     k, unit = for_people(comparison)
     size = f"{k * comparison.noise:.3g} {unit}".rstrip()
-    text = f"{name} fits best: its error is {factor_text(ratio)} times the noise floor ({size} rms, "
+    one = len(comparison) == 1
+    error = f"The error of {name}" if one else f"{name} fits best: its error"
+    text = f"{error} is {factor_text(ratio)} times the noise floor ({size} rms, "
     text += f"{method_text(comparison.noise_from)})."
     if ratio >= FAR:
-        text += (
-            " Every model leaves more than noise: all of them lack an effect, or are simulated with the wrong hold "
-            "or step. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
-        )
+        lacks = "Every model leaves more than noise: all of them lack an effect, or are simulated"
+        if one:
+            lacks = "It lacks an effect, or is simulated"
+        text += f" {lacks} with the wrong hold or step. A diagnosis (tsm.diagnose, tsmblocks diagnose) searches for it."
     return [textwrap.fill(text, line_width(), break_on_hyphens=False)]
 
 
