@@ -158,7 +158,7 @@ def decide(
 
     ``base`` (B,) are the losses without any candidate, ``noise_variance`` is the mean square of the noise. Of
     candidates that remove nearly as much as the best, the one with the fewest parameters is named. A best one that is
-    not significant, such as a flexible one that gains in a few blocks, gives way to a significant one.
+    not significant, such as a flexible one that gains in a few blocks, gives way to one that is, or to a rare effect.
     """
     finite = [one for one in candidates if np.isfinite(one.losses).all()]
     if not finite:
@@ -167,13 +167,16 @@ def decide(
     gains = np.array([base - one.losses for one in ranking])
     t, critical_value = t_statistics(gains, blocks), max_t_critical_value(gains, blocks, seed)
     before, best = mean_loss(base, blocks), ranking[0]
-    removed, concentrated_size = before - best.loss, CONCENTRATED_FACTOR * MIN_VARIANCE_REDUCTION * noise_variance
-    rare = _concentrated(gains[0]) and removed >= concentrated_size
+    concentrated_size = CONCENTRATED_FACTOR * MIN_VARIANCE_REDUCTION * noise_variance
     significant = [one for one, value in zip(ranking, t, strict=True) if value > critical_value]
-    accepted = best in significant or (rare and _is_alone(ranking, significant, before, noise_variance))
-    if not accepted:
-        best = _best_significant(significant, SIGNIFICANT_SHARE * removed, before) or best
-        removed, accepted = before - best.loss, best in significant
+    rare = [
+        one
+        for one, gain in zip(ranking, gains, strict=True)
+        if _concentrated(gain) and before - one.loss >= concentrated_size
+        if _is_alone(one, significant, before, noise_variance)
+    ]
+    best, accepted = _accepted(best, significant, rare, before)
+    removed = before - best.loss
     if best.disqualifying_bounds or not best.tenable or not _is_acceptable(removed, before, accepted, noise_variance):
         return Verdict(tuple(ranking), tuple(t), critical_value)
     largest_difference = max(DISTINGUISHABLE_GAIN_SHARE * removed, INDISTINGUISHABLE_NOISE_SHARE * noise_variance)
@@ -236,21 +239,32 @@ def _order_of_naming(one: FittedCandidate) -> tuple[int, bool, float]:
     return one.parameter_count, one.at_limit_of_form, one.loss
 
 
-def _best_significant(significant: Sequence[FittedCandidate], least: float, before: float) -> FittedCandidate | None:
-    """The first of the significant candidates that may be named and remove enough."""
-    allowed = (one for one in significant if one.tenable and not one.disqualifying_bounds)
+def _accepted(
+    best: FittedCandidate, significant: Sequence[FittedCandidate], rare: Sequence[FittedCandidate], before: float
+) -> tuple[FittedCandidate, bool]:
+    """The best candidate, or a significant or rare one where it is neither, and whether it is one of these."""
+    if best in significant or best in rare:
+        return best, True
+    least = SIGNIFICANT_SHARE * (before - best.loss)
+    other = _best_of(significant, least, before) or _best_of(rare, least, before)
+    return (best, False) if other is None else (other, True)
+
+
+def _best_of(others: Sequence[FittedCandidate], least: float, before: float) -> FittedCandidate | None:
+    """The first of some candidates that may be named and removes enough."""
+    allowed = (one for one in others if one.tenable and not one.disqualifying_bounds)
     return next((one for one in allowed if before - one.loss >= least), None)
 
 
 def _is_alone(
-    ranking: Sequence[FittedCandidate], significant: Sequence[FittedCandidate], before: float, noise_variance: float
+    best: FittedCandidate, significant: Sequence[FittedCandidate], before: float, noise_variance: float
 ) -> bool:
-    """Whether the best candidate may be a rare effect, whose gains are concentrated in a few blocks.
+    """Whether a candidate may be a rare effect, whose gains are concentrated in a few blocks.
 
     With separate sizes in each experiment it imitates any few blocks of another effect: then it has to explain nearly
     all, and no effect with one size for all may be significant that explains a part of it.
     """
-    best, removed = ranking[0], before - ranking[0].loss
+    removed = before - best.loss
     if not best.candidate.local:
         return True
     rivals = [one for one in significant if not one.candidate.local and before - one.loss > RIVAL_SHARE * removed]
