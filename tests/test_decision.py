@@ -271,3 +271,15 @@ def test_of_two_places_at_an_output_the_one_of_the_sensor_alone_is_named():
     worse = stand_in(loop.losses + 0.5, name="lag")
     worse.candidate.point.before = "y"
     assert decide(base, [loop, worse], even(60), 1.0, 0).named is loop
+
+
+def test_a_best_one_that_is_not_significant_gives_way_to_a_rare_effect():
+    """A flexible one that gains here and loses there removes a little more than an effect that acts now and then."""
+    base, scatter = 3.0 + np.zeros(60), np.random.default_rng(0).normal(0.0, 6.0, 60)
+    flexible = stand_in(base - 0.5 - (scatter - scatter.mean()), 3, name="flexible")
+    peak = np.zeros(60)
+    peak[7] = 24.0
+    rare = stand_in(base - peak, name="rare")
+    assert decide(base, [flexible], PART, 1.0, 0).named is None
+    assert decide(base, [flexible, rare], PART, 1.0, 0).named is rare
+    assert decide(base, [flexible, stand_in(base - peak / 3, name="small")], PART, 1.0, 0).named is None
