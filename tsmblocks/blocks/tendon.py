@@ -17,7 +17,8 @@ class CapstanFriction(Block):
     .. math::
 
         y = \max(u + w - h, \min(u + w + h, m)), \qquad
-        w = T (\cosh c - 1), \qquad h = |T| \sinh c, \qquad T = u + T_0, \qquad c = \mu\varphi
+        w = T \left(\frac{e^c + e^{-c}}{2} - 1\right), \qquad h = |T| \frac{e^c - e^{-c}}{2}, \qquad
+        T = u + T_0, \qquad c = \mu\varphi
 
     T is the tension at the driving end, the sum of the pretension and of what the drive adds. The other end rests while
     its tension is between T exp(-c) and T exp(c), where friction holds the tendon, and follows at both edges: a play in
@@ -47,6 +48,6 @@ class CapstanFriction(Block):
         return dict(y=self._far_end(x, u))
 
     def _far_end(self, x: Any, u: Any) -> Any:
-        tension, c = u.u + self.pretension, self.mu * self.angle
-        away = tension * (ca.cosh(c) - 1)  # the middle of the band, from u: zero without friction
-        return play(u.u + away, ca.fabs(tension) * ca.sinh(c), x.m)
+        tension, grip = u.u + self.pretension, ca.exp(self.mu * self.angle)
+        away = tension * ((grip + 1 / grip) / 2 - 1)  # the middle of the band, from u: zero without friction
+        return play(u.u + away, ca.fabs(tension) * (grip - 1 / grip) / 2, x.m)
