@@ -830,10 +830,10 @@ def test_a_rare_effect_with_own_sizes_has_to_explain_nearly_all(elsewhere, named
 
 def test_a_rare_effect_with_own_sizes_does_not_stand_beside_a_significant_one():
     best, part, little = with_own_sizes(np.full(60, 1.0)), stand_in(np.full(60, 1.6)), stand_in(np.full(60, 1.9))
-    assert not _is_alone([best, part], [part], 2.0, 1.0)
-    assert _is_alone([best, part], [], 2.0, 1.0)
-    assert _is_alone([best, little], [little], 2.0, 1.0)
-    assert _is_alone([part, best], [part], 2.0, 1.0)  # one size for all
+    assert not _is_alone(best, [part], 2.0, 1.0)
+    assert _is_alone(best, [], 2.0, 1.0)
+    assert _is_alone(best, [little], 2.0, 1.0)
+    assert _is_alone(part, [part], 2.0, 1.0)  # one size for all
 
 
 def test_what_the_noise_of_inputs_may_do_is_not_named():
