@@ -5,9 +5,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import tsmblocks as tsm
-from tsmblocks.diagnosis.direction import moves_backwards, with_opposite_motion
+from tsmblocks.diagnosis.direction import moves_backwards
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.effects import catalogue
+from tsmblocks.effects.variants import with_opposite_motion
 
 STIFFNESS, DAMPING, MASS, FRICTION = 16000.0, 1500.0, 320.0, 45.0
 NOISE = 2e-4

@@ -14,12 +14,12 @@ from tsmblocks.common.errors import AlgebraicLoop, DiagramError, TsmError
 from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.common.tables import unique_names
-from tsmblocks.diagnosis.direction import with_opposite_motion
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_no_motion, is_speed
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.replacements import ReplacementPoint, replacements
 from tsmblocks.effects import Effect, Replacement, Scales, Span, Trials, span_of
+from tsmblocks.effects.variants import with_opposite_motion
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 

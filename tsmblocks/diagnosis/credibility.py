@@ -12,8 +12,6 @@ LARGE_ERROR = 25.0
 an error of five times the noise is a model error, and parameters compensate for what they can of it."""
 MAX_FACTOR = 3.0
 """Ratio of a fitted value to the first one, or its inverse, up to which it is near. Chosen: a data sheet is better."""
-
-
 FAR = 1.5
 """The same, where no effect is found, from which a value is reported as far from the first one. Chosen: more than the
 tolerance of most data sheets."""
@@ -21,7 +19,7 @@ tolerance of most data sheets."""
 
 def notes_on_moved(model: Model, given: Mapping[str, float]) -> list[str]:
     """A note where no effect is found and parameters were fitted far from the diagram's: they may stand in for one."""
-    moved = _far(model, {k: v for k, v in given.items() if not k.endswith(".bias")}, FAR)  # offsets have no scale
+    moved = _in_words(far_from(model, with_a_scale(given), FAR))
     if not moved:
         return []
     were, they = ("was", "it") if len(moved) == 1 else ("were", "they")
@@ -37,11 +35,19 @@ def parameters_in_doubt(model: Model, given: Mapping[str, float], error: float) 
     ``error`` is the mean square of the residual [that of the noise]. None beside a small one, and none that began at
     zero.
     """
-    return _far(model, given, MAX_FACTOR) if error > LARGE_ERROR else ()
+    return _in_words(far_from(model, given)) if error > LARGE_ERROR else ()
 
 
-def _far(model: Model, given: Mapping[str, float], factor: float) -> tuple[str, ...]:
-    """Parameters that were fitted to more than a factor of those given, in words; none that began at zero."""
+def far_from(model: Model, given: Mapping[str, float], factor: float = MAX_FACTOR) -> dict[str, tuple[float, float]]:
+    """Parameters that were fitted to more than a factor of those given, with both values; none that began at zero."""
     pairs = {name: (value, float(given[name])) for name, value in model.parameters().items() if given.get(name)}
-    far = {k: (value, first) for k, (value, first) in pairs.items() if not 1 / factor <= value / first <= factor}
+    return {k: (value, first) for k, (value, first) in pairs.items() if not 1 / factor <= value / first <= factor}
+
+
+def with_a_scale(given: Mapping[str, float]) -> dict[str, float]:
+    """Those of some parameters whose ratio means something: offsets have no scale."""
+    return {name: value for name, value in given.items() if not name.endswith(".bias")}
+
+
+def _in_words(far: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
     return tuple(f"{name} ({value:.3g} for {first:.3g})" for name, (value, first) in far.items())

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import attrs
 import casadi as ca
 import numpy as np
 
-from tsmblocks.blocks import Bias, Sum
-from tsmblocks.common.errors import TsmError
-from tsmblocks.diagnosis.signal_paths import PROBE_BLOCK
-from tsmblocks.effects import Effect
+from tsmblocks.diagnosis.signal_paths import PROBE, probed
 from tsmblocks.engine.equations import function_values
 from tsmblocks.model.diagram import Diagram
-from tsmblocks.simulation.compiled import equations, parameter_vector
+from tsmblocks.simulation.compiled import parameter_vector
 
-SUBTRACTS = "left"
-"""The sum in the block of an effect that subtracts a force from the drive."""
 NO_CHANGE = 1e-12
 """Change of a signal, as a share of the largest change of any, that is rounding. Chosen."""
 
@@ -28,17 +22,15 @@ def moves_backwards(diagram: Diagram, signal: str, port: str) -> bool:
     It is so of a deflection from which the signal that is driven is subtracted. False where the drive does not reach
     the signal without memory, such as a backlash, in between.
     """
-    try:
-        probed = diagram.insert(PROBE_BLOCK, Bias(), before=port)
-        eq = equations(probed)
-        place = eq.y.index(eq.aliases.get(signal, signal))
-    except (TsmError, ValueError):
+    found = probed(diagram, signal, before=port)
+    if found is None:
         return False
-    p = parameter_vector(eq, probed)
+    edited, eq, place = found
+    p = parameter_vector(eq, edited)
     x, d = function_values(eq.start, p)[:2]
     at = [0.0, x, d, np.zeros(len(eq.u)), np.zeros(eq.rhs.size1_in(4)), p]
     by = np.zeros(len(p))
-    by[eq.p.index(f"{PROBE_BLOCK}.bias")] = 1.0
+    by[eq.p.index(PROBE)] = 1.0
     forward, values = eq.rhs.forward(1), eq.rhs.call(at)
     rate, changes = _changes(forward, at, values, {5: by})
     for _ in range(len(x) + 1):
@@ -52,21 +44,3 @@ def _changes(forward: Any, at: list[Any], values: list[Any], seeds: dict[int, np
     """The changes of rates and signals with those of some arguments."""
     directions = [seeds.get(k, ca.DM.zeros(*ca.DM(one).shape)) for k, one in enumerate(at)]
     return [np.asarray(one, dtype=float).ravel() for one in forward.call([*at, *values, *directions])[:2]]
-
-
-def with_opposite_motion(effect: Effect) -> Effect:
-    """The effect where its drive moves the signal ``x`` backwards: the force that resists the motion adds to the drive.
-
-    Unchanged where its block does not subtract a force.
-    """
-    block = effect.block
-    if not (isinstance(block, Diagram) and block.blocks.get(SUBTRACTS) == Sum(signs="+-")):
-        return effect
-    (force,) = [f"{'.'.join(x.source)}" for x in block.links if x.target == (SUBTRACTS, "minus")]
-    added = block.rewire(
-        blocks={**block.blocks, SUBTRACTS: Sum(signs="++")},
-        cut=[f"{force} -> {SUBTRACTS}.minus"],
-        add=[f"{force} -> {SUBTRACTS}.plus2"],
-        inputs={**block.inputs, "u": f"{SUBTRACTS}.plus1"},
-    )
-    return attrs.evolve(effect, block=added)

@@ -278,11 +278,6 @@ def is_speed(unit: str) -> bool:
     return is_one_of(unit, SPEED_DIMENSIONS)
 
 
-def is_position(unit: str) -> bool:
-    """Whether a unit is that of a position, an angle or a length; one that is not known is none."""
-    return is_one_of(unit, POSITION_DIMENSIONS)
-
-
 def is_no_motion(unit: str) -> bool:
     """Whether a unit is known, and that of no motion."""
     return is_one_of(unit, NO_MOTIONS)
@@ -291,9 +286,13 @@ def is_no_motion(unit: str) -> bool:
 def _positions(diagram: Diagram, speed: str) -> Iterator[str]:
     """The positions that blocks make of a speed; they need not be measured."""
     for head in dict.fromkeys(x.target[0] for x in diagram.links if ".".join(x.source) == speed):
-        for port in diagram.blocks[head].outports:
-            if is_position(diagram.unit(f"{head}.{port}")):
-                yield f"{head}.{port}"
+        yield from positions_of(diagram, head)
+
+
+def positions_of(diagram: Diagram, block: str) -> list[str]:
+    """The signals of a block that are positions, by their units."""
+    signals = [f"{block}.{port}" for port in diagram.blocks[block].outports]
+    return [one for one in signals if is_one_of(diagram.unit(one), POSITION_DIMENSIONS)]
 
 
 def _at_the_drive(diagram: Diagram, name: str, source: str, drive: str, unit: str) -> Iterator[InsertionPoint]:

@@ -12,12 +12,11 @@ from tsmblocks.diagnosis.limits import NO_PLACE, NOT_EXCITED
 from tsmblocks.diagnosis.segment import Gap, Segment
 from tsmblocks.diagnosis.verdict_text import slow_noise
 from tsmblocks.effects import catalogue
+from tsmblocks.effects.maps import RIPPLE
 
 MIN_OTHERS, ODD_RATIO = 2, 1.5
 """Number of other experiments at least, and error over the largest of theirs, from which one stands out. Chosen: noise
 of one sensor varies by less."""
-RIPPLE = "position_ripple"
-"""The effect that needs a position."""
 COMPARE_STRUCTURES = "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare."
 NOISE_RATIO = 5.0
 """Residual over the noise floor up to which the noise itself is worth knowing. Chosen: slow noise is rarely more."""
@@ -107,7 +106,7 @@ def _others_to_try(segment: Segment) -> list[str]:
 def _integrate_a_speed(segment: Segment) -> list[str]:
     """Where a speed is measured and the diagram has no position: what depends on the position was not tried."""
     speeds = [gap.output for gap in segment.gaps if is_speed(gap.unit)]
-    missing = [one.name for one in segment.limits if one.name == RIPPLE and one.cause in (NO_PLACE, NOT_EXCITED)]
+    missing = [one.name for one in segment.limits if one.name == RIPPLE.name and one.cause in (NO_PLACE, NOT_EXCITED)]
     if not speeds or not missing:
         return []
     return [

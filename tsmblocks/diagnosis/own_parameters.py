@@ -5,14 +5,13 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
+from tsmblocks.diagnosis.credibility import far_from, with_a_scale
 from tsmblocks.diagnosis.model import Model, end_at, model_at, optimized
 from tsmblocks.fitting.parameter_vector import Unknown
 
 FAR_ERROR = 1e3
 """Mean square [noise variances] of a base from which fits start at the diagram's own parameters as well. Chosen: beside
 an error of 30 times the noise, the stiffness of a shaft with a gap was fitted at half of its value."""
-MAX_FACTOR = 3.0
-"""Ratio of a fitted value to the diagram's, or its inverse, from which it is far. Chosen: a data sheet is better."""
 HELD_WITHIN = 1e-9
 """Relative half width of the bounds of a parameter that is held. Chosen: no output changes by as much as its noise."""
 
@@ -45,10 +44,8 @@ def at_own_parameters(model: Model) -> Model | None:
 
 def _has_moved_far(model: Model) -> bool:
     """Whether a parameter was fitted to several times the diagram's, or changed its sign."""
-    unknowns = model.problem.unknowns
-    scaled = ~unknowns.is_local & (unknowns.start != 0) & ~np.array([k.endswith(".bias") for k in unknowns.names])
-    factors = model.theta[scaled] / unknowns.start[scaled]
-    return bool(((factors < 1 / MAX_FACTOR) | (factors > MAX_FACTOR)).any())
+    starts = {one.parameter: one.start for one in model.problem.unknowns.items if not one.experiment}
+    return bool(far_from(model, with_a_scale(starts)))
 
 
 def _fixed(item: Unknown) -> Unknown:

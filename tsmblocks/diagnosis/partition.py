@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_position, is_speed
+from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_speed, positions_of
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_model
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.parameters import named_by
@@ -89,8 +89,8 @@ def _is_position_of_speed(diagram: Diagram, link: Link, measured: Collection[str
     What moves a motor may depend on its angle, as a ripple of its torque does.
     """
     head = link.target[0]
-    made = any(is_position(diagram.unit(f"{head}.{port}")) for port in diagram.blocks[head].outports)
-    return made and head not in measured and is_speed(diagram.unit(".".join(link.source)))
+    speed = is_speed(diagram.unit(".".join(link.source)))
+    return speed and head not in measured and bool(positions_of(diagram, head))
 
 
 def _reached(start: str, wires: Sequence[tuple[str, str]]) -> set[str]:

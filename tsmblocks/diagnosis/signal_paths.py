@@ -12,6 +12,8 @@ from tsmblocks.simulation.compiled import equations
 
 PROBE_BLOCK = "probe_of_the_wire"
 """Name of the block by which the integrations behind a wire are counted."""
+PROBE = f"{PROBE_BLOCK}.bias"
+"""Its parameter."""
 FORCE_TO_POSITION = 2
 """Integrations from a force to the position at least; to the speed one less. Source: Newton's second law."""
 
@@ -63,7 +65,7 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
 
     From the sparsity of the equations. Memory that is updated between steps counts as one integration.
     """
-    found = _probed(diagram, output, before, after)
+    found = _reach(diagram, output, before, after)
     if found is None:
         return -1
     rows, goal, probe = found
@@ -81,26 +83,37 @@ def integration_count(diagram: Diagram, output: str, *, before: str, after: str)
 
 def reaches_through_a_state(diagram: Diagram, output: str, name: str) -> bool:
     """Whether an input acts on the rate of a state that an output reads: a lag, or an integrator, between them."""
-    found = _probed(diagram, output, "", name)
+    found = _reach(diagram, output, "", name)
     if found is None:
         return False
     rows, goal, probe = found
     return any(kind == "x" and probe in rows[kind, i] for kind, i in rows[goal])
 
 
-def _probed(diagram: Diagram, output: str, before: str, after: str) -> tuple[Dependencies, Entry, Entry] | None:
+def _reach(diagram: Diagram, output: str, before: str, after: str) -> tuple[Dependencies, Entry, Entry] | None:
     """The dependencies of a diagram with a probe on a wire, the output and the probe in them.
 
     None where the diagram has no such wire, or no such output, as one of a diagram that is used as a block.
     """
+    found = probed(diagram, output, before, after)
+    if found is None:
+        return None
+    _, eq, place = found
+    return _dependencies(eq), ("y", place), ("p", eq.p.index(PROBE))
+
+
+def probed(diagram: Diagram, signal: str, before: str = "", after: str = "") -> tuple[Diagram, Equations, int] | None:
+    """A diagram with a probe on a wire, its equations, and the place of a signal among theirs.
+
+    None where it has no such wire or signal.
+    """
     try:
-        eq = equations(diagram.insert(PROBE_BLOCK, Bias(), before=before, after=after))
+        edited = diagram.insert(PROBE_BLOCK, Bias(), before=before, after=after)
+        eq = equations(edited)
     except TsmError:
         return None
-    signal = eq.aliases.get(output, output)
-    if signal not in eq.y:
-        return None
-    return _dependencies(eq), ("y", eq.y.index(signal)), ("p", eq.p.index(f"{PROBE_BLOCK}.bias"))
+    name = eq.aliases.get(signal, signal)
+    return (edited, eq, eq.y.index(name)) if name in eq.y else None
 
 
 def _dependencies(eq: Equations) -> Dependencies:

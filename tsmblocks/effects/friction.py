@@ -6,10 +6,11 @@ import functools
 
 import attrs
 
-from tsmblocks.blocks import Abs, CoulombFriction, DahlFriction, Derivative, Gain, QuadraticDrag, StribeckFriction, Sum
+from tsmblocks.blocks import Abs, CoulombFriction, DahlFriction, Derivative, Gain, QuadraticDrag, StribeckFriction
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import Size, in_proportion
 from tsmblocks.effects.trials import Scales, Span, Trials
+from tsmblocks.effects.variants import resisting
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
@@ -21,13 +22,7 @@ FRICTION_SHARE = 0.05
 
 def _resisting(title: str, law: dict[str, Block]) -> Diagram:
     """Drive ``u`` less a force that a chain of blocks computes from the speed of the position ``x``."""
-    return Diagram(
-        title=title,
-        blocks={"rate": Derivative(), **law, "left": Sum(signs="+-")},
-        wires=[" -> ".join(["rate", *law, "left.minus"])],
-        inputs={"u": "left.plus", "x": "rate.u"},
-        outputs={"y": "left"},
-    )
+    return resisting(title, {"rate": Derivative(), **law})
 
 
 def _of_speed(effect: Effect) -> Effect:

@@ -9,6 +9,7 @@ from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.maps import CURVATURE_SHARE, ONE_HARMONIC, PERIOD_OF_RIPPLE, RIPPLE, centres, ripple_trials
 from tsmblocks.effects.sizes import Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
+from tsmblocks.effects.variants import LEFT, resisting
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
@@ -30,21 +31,10 @@ def _subtracted_force(title: str, law: Block) -> Diagram:
     """Drive ``u`` less the change that a block makes to motion ``x``; a gain of 1 converts between their units."""
     return Diagram(
         title=title,
-        blocks={"force": law, "added": Sum(signs="+-"), "pull": Gain(), "left": Sum(signs="+-")},
-        wires=["force -> added.plus", "added -> pull -> left.minus"],
-        inputs={"u": "left.plus", "x": ["force.u", "added.minus"]},
-        outputs={"y": "left"},
-    )
-
-
-def _spring_to_rest() -> Diagram:
-    """Drive ``u`` less a force in proportion to the distance of the position ``x`` from where the spring rests."""
-    return Diagram(
-        title="stiffness",
-        blocks={"away": Bias(bias=0.0), "force": Gain(gain=0.0), "left": Sum(signs="+-")},
-        wires=["away -> force -> left.minus"],
-        inputs={"u": "left.plus", "x": "away.u"},
-        outputs={"y": "left"},
+        blocks={"force": law, "added": Sum(signs="+-"), "pull": Gain(), LEFT: Sum(signs="+-")},
+        wires=["force -> added.plus", f"added -> pull -> {LEFT}.minus"],
+        inputs={"u": f"{LEFT}.plus", "x": ["force.u", "added.minus"]},
+        outputs={"y": LEFT},
     )
 
 
@@ -54,17 +44,6 @@ def _stiffness_trials(scales: Scales) -> Trials:
     farthest = REST_REACH * other.reach
     bounds = {"away.bias": (-other.middle - farthest, farthest - other.middle)}
     return Trials({"force.gain": PULL_SHARE * wire.rms / max(other.rms, 1e-300)}, rests, bounds=bounds)
-
-
-def _end_stops() -> Diagram:
-    """Drive ``u`` less the force of springs that the position ``x`` meets beyond two limits."""
-    return Diagram(
-        title="end stops",
-        blocks={"stop": DeadZone(low=0.0, high=0.0), "force": Gain(gain=0.0), "left": Sum(signs="+-")},
-        wires=["stop -> force -> left.minus"],
-        inputs={"u": "left.plus", "x": "stop.u"},
-        outputs={"y": "left"},
-    )
 
 
 def _end_stop_trials(scales: Scales) -> Trials:
@@ -113,7 +92,7 @@ EFFECTS = (
         "load",
         "end stops (springs at the ends of the motion)",
         "load",
-        _end_stops(),
+        resisting("end stops", {"stop": DeadZone(low=0.0, high=0.0), "force": Gain(gain=0.0)}),
         {"force.gain": 0.0},
         ("force.gain", "stop.low", "stop.high"),
         _end_stop_trials,
@@ -131,7 +110,7 @@ EFFECTS = (
         "load",
         "a force proportional to the position (a spring; negative for an unstable load)",
         "load",
-        _spring_to_rest(),
+        resisting("stiffness", {"away": Bias(bias=0.0), "force": Gain(gain=0.0)}),
         {"force.gain": 0.0},
         ("force.gain", "away.bias"),
         _stiffness_trials,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import attrs
 
@@ -10,7 +10,40 @@ from tsmblocks.blocks import Sum
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import on_second_signal
 from tsmblocks.effects.trials import Scales, Trials
+from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
+
+LEFT = "left"
+"""The sum, in the block of an effect, of what a force leaves of the drive."""
+
+
+def resisting(title: str, chain: Mapping[str, Block]) -> Diagram:
+    """Drive ``u`` less a force that a chain of blocks makes of the motion ``x``, which the first of them takes."""
+    return Diagram(
+        title=title,
+        blocks={**chain, LEFT: Sum(signs="+-")},
+        wires=[" -> ".join([*chain, f"{LEFT}.minus"])],
+        inputs={"u": f"{LEFT}.plus", "x": f"{next(iter(chain))}.u"},
+        outputs={"y": LEFT},
+    )
+
+
+def with_opposite_motion(effect: Effect) -> Effect:
+    """The effect where its drive moves the signal ``x`` backwards: the force that resists the motion adds to the drive.
+
+    Unchanged where its block does not subtract a force.
+    """
+    block = effect.block
+    if not (isinstance(block, Diagram) and block.blocks.get(LEFT) == Sum(signs="+-")):
+        return effect
+    (force,) = [".".join(x.source) for x in block.links if x.target == (LEFT, "minus")]
+    added = block.rewire(
+        blocks={**block.blocks, LEFT: Sum(signs="++")},
+        cut=[f"{force} -> {LEFT}.minus"],
+        add=[f"{force} -> {LEFT}.plus2"],
+        inputs={**block.inputs, "u": f"{LEFT}.plus1"},
+    )
+    return attrs.evolve(effect, block=added)
 
 
 def in_front(effect: Effect, words: str = "") -> Effect:
