@@ -34,7 +34,7 @@ def test_a_residual_far_above_the_noise_is_told_as_in_a_comparison(data):
     fit, compared = tsm.fit(PLAY, data, starts=1), tsm.compare({"play": PLAY}, data, train=1, starts=1)
     (said,) = (text for text in fit.to_dict()["notes"] if "times the noise floor" in text)
     assert said.startswith(f"The residual of x_out is {compared.above_noise:.0f} times the noise floor (")
-    assert f"its error is {compared.above_noise:.0f} times the noise floor" in str(compared)
+    assert f"The error of play is {compared.above_noise:.0f} times the noise floor" in str(compared)
     assert compared.above_noise > 10
     assert (
         f" deg rms, {method_text(compared.noise_from)}): the model lacks an effect, and the intervals do not cover it."
