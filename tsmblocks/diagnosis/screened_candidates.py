@@ -9,11 +9,12 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
-from tsmblocks.diagnosis.critical_gains import SLOW, family_of, is_of_time
+from tsmblocks.diagnosis.critical_gains import is_of_time
 from tsmblocks.diagnosis.decision import Shrinkage
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.oscillation import is_oscillation
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.diagnosis.screening_score import ScreeningScore
@@ -60,12 +61,12 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
         for of_time in {is_of_time(one) for one in every}
     }
     whole = square(model.r)
-    slow = (float(slow_sums(model, model.r[:, None])[0]), slow_sums(model, noise[True])) if True in noise else None
+    slow = {k: (float(slow_sums(model, model.r[:, None])[0]), slow_sums(model, one)) for k, one in noise.items()}
     for k, one in enumerate(every):
         search.progress("tried", k, len(every))
         own = noise[is_of_time(one)]
         score = screening_score(one, model, search.records, search.settings, wires, base, own)
-        squares = slow if slow is not None and family_of(one) == SLOW and score.is_slow else (whole, whole)
+        squares = slow[is_of_time(one)] if score.is_slow and not is_oscillation(one) else (whole, whole)
         scores.append(attrs.evolve(score, squares=squares[0], noise_squares=squares[1]))
     return sorted(scores, key=lambda one: -one.gain)
 

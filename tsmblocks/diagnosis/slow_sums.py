@@ -1,7 +1,8 @@
-"""Sums of squares of the slow part of a residual, beside which slow functions of time are judged.
+"""Sums of squares of the slow part of a residual, beside which effects that change the outputs slowly are judged.
 
 White noise is most of a residual and tells nothing of what is slow: beside all of it, a step that explains all that is
-slow looks no better than one that explains a part of slow noise.
+slow looks no better than one that explains a part of slow noise. So does a ripple of the force behind which a motor
+comes to rest elsewhere.
 """
 
 from __future__ import annotations
