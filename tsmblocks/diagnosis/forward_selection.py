@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import attrs
 
@@ -33,6 +33,7 @@ from tsmblocks.diagnosis.own_parameters import at_own_parameters, is_rough
 from tsmblocks.diagnosis.partition import ROUGH_ERROR
 from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, with_memories
 from tsmblocks.diagnosis.screened_candidates import chosen_candidates, screened_candidates
+from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.shift_in_time import is_shift_in_time
 from tsmblocks.diagnosis.takes_over import switches_off
@@ -78,11 +79,8 @@ def search_round(
     base_loss = mean_loss(losses[0], search.blocks)
     for score, m in with_memories(fits):
         candidate, gain = score.candidate, (model.mean_square - m.mean_square) * len(model.r)
-        untenable = "random noise of its spectrum is reduced as much" if gain <= limits[score] else ""
-        untenable = untenable or _why_untenable(m, candidate, search, gain, by_motion)
-        untenable = untenable or (
-            "it replaces the model instead of adding to it" if switches_off(m, model, search.effects) else ""
-        )
+        untenable = next(_why_noise(score, gain, limits[score]), "")
+        untenable = untenable or next(_why_untenable(m, model, candidate, search, gain, by_motion), "")
         found = fitted_candidate(candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
     noise_variance = noise_beside(fitted, search.noise)
@@ -91,22 +89,33 @@ def search_round(
     return SearchRound(model, *losses, tuple(scores), verdict, multiplicity=multiplicity)
 
 
+def _why_noise(score: ScreeningScore, gain: float, limit: float) -> Iterator[str]:
+    """Why what a fitted candidate gains is no more than it may gain in noise; nothing where it is more."""
+    if gain <= limit:
+        yield "random noise of its spectrum is reduced as much"
+    if score.by_size is not None and score.by_size.is_noise:
+        yield "its initial states alone explain as much"
+
+
 def _why_untenable(
-    fitted: Model, candidate: Candidate, search: SearchContext, gain: float, by_motion: Callable[[], float]
-) -> str:
-    """Why a fitted candidate is no effect, whatever it gains; empty for one that may be.
+    fitted: Model, base: Model, candidate: Candidate, search: SearchContext, gain: float, by_motion: Callable[[], float]
+) -> Iterator[str]:
+    """Why a candidate, fitted in addition to a base, is no effect, whatever it gains; nothing for one that may be.
 
     ``by_motion`` is what the motion predicts of the same sum of squares.
     """
     if follows_motion(fitted, candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
-        return "its frequency is that of the motion"
+        yield "its frequency is that of the motion"
     if is_oscillation(candidate) and comes_back_with_motion(fitted, candidate):
-        return "it comes back with the motion"
+        yield "it comes back with the motion"
     if repeats_another(fitted, candidate):
-        return "the same oscillation again"
+        yield "the same oscillation again"
     if filters_noise(fitted, candidate, search.input_noise):
-        return "removes noise of the input only"
-    return "in proportion to the speed: a shift in time" if is_shift_in_time(fitted, candidate) else ""
+        yield "removes noise of the input only"
+    if is_shift_in_time(fitted, candidate):
+        yield "in proportion to the speed: a shift in time"
+    if switches_off(fitted, base, search.effects):
+        yield "it replaces the model instead of adding to it"
 
 
 def closing_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:

@@ -15,6 +15,7 @@ from tsmblocks.diagnosis.candidates import Candidate, WireSignals
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.diagnosis.own_instants import Products, for_each, joined, moved, noise_gains, regular
 from tsmblocks.diagnosis.screening_score import MAX_SIZE_FACTOR, ScreeningScore, ShapeSensitivity
+from tsmblocks.diagnosis.size_beyond_states import MAX_COLUMNS, SizeBeyondStates, size_beyond_states
 from tsmblocks.diagnosis.slow_sums import is_slow
 from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import product, square
@@ -85,6 +86,7 @@ def screening_score(
     screening = _Screening(candidate, problem, model, base, _starting_values(problem, model, candidate, wires))
     coarse, fine = screening.of_each_experiment(noise) if screening.owns_shapes else screening.of_all(noise)
     gains = np.max([one.noise_gains for one in coarse], axis=0)
+    by_size = screening.size_beyond_states(max(coarse, key=lambda one: one.gain), noise)
     shapes = tuple(ShapeSensitivity(one.shape, one.sensitivity, one.exceeds_range, one.absorbed_by) for one in coarse)
     shape_trials = sorted(fine, key=lambda one: -one.gain)
     best = shape_trials[0]
@@ -94,7 +96,7 @@ def screening_score(
         distinct = (one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
         starts = [_better_start(problem, one) for one in [best, *distinct][:2]]
     return ScreeningScore(
-        candidate, problem, setup, best.gain, tuple(starts), gains, shapes, is_slow(model, best.output_change)
+        candidate, problem, setup, best.gain, tuple(starts), gains, shapes, is_slow(model, best.output_change), by_size
     )
 
 
@@ -214,6 +216,37 @@ class _Screening:
                 trial = attrs.evolve(trial, noise_gains=self._noise_gains(by_noise[:, mine], regular(m, whole)))
             results.append(trial)
         return results
+
+    def size_beyond_states(self, one: _ShapeTrial, noise: np.ndarray) -> SizeBeyondStates | None:
+        """What the sizes of a shape gain beyond states that may begin anywhere; None where there are no such states."""
+        places, strengths = self._places_of_states, self.candidate.trials.strengths
+        if not places or not strengths or len(places) * len(self.problem.unknowns.experiments) > MAX_COLUMNS:
+            return None
+        sets = [self._unknowns_at({**one.shape, name: size}) for name, size in strengths.items()]
+        for some in ([], *places):
+            sets.append(one.theta_base_fixed.copy())
+            sets[-1][some] += self._half_range
+        changes, k = self._changes(sets), len(strengths)
+        by_size = self._by_experiment(changes[:, :k]) if self.candidate.local else changes[:, :k]
+        by_state = changes[:, k + 1 :] - changes[:, [k]]
+        return size_beyond_states(by_size, by_state, self._owner, self.base, self.model.r, noise)
+
+    @property
+    def _places_of_states(self) -> list[list[int]]:
+        """Places of each state of the effect that may begin anywhere, one for each experiment."""
+        own = {*self.candidate.local, *self.candidate.states_before}
+        found: dict[str, list[int]] = {}
+        for k, item in enumerate(self.problem.unknowns.items):
+            mine = item.parameter.startswith(f"{self.candidate.block}.") and item.parameter not in own
+            if item.experiment and mine and np.isinf(item.low) and np.isinf(item.high):
+                found.setdefault(item.parameter, []).append(k)
+        return list(found.values())
+
+    @property
+    def _half_range(self) -> float:
+        """The distance by which a state begins elsewhere: half the range of the signal that the effect acts on."""
+        scales = self.candidate.scales
+        return scales.wire.reach if scales else 1.0
 
     def _noise_gains(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
         """Gains (D,) of a shape with any size in surrogates, with products ``g`` (D, k) and ``m`` (k, k)."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.fitted_candidate import MAX_FINITE_NULL
+from tsmblocks.diagnosis.size_beyond_states import SizeBeyondStates
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 
@@ -46,7 +47,7 @@ class ScreeningScore:
     ``starts`` are the starting points of its fit, best first. ``noise_gains`` (D,) are the gains in surrogates of the
     residual, which hold noise alone. ``shapes`` are those that were tried. ``is_slow`` is True where its change of the
     outputs is. Gains count beside ``squares``, the sum of squares of the residual, and ``noise_squares`` (D,) of the
-    surrogates: all of it, or the slow part.
+    surrogates: all of it, or the slow part. ``by_size`` is what the size gains beyond initial states that are free.
     """
 
     candidate: Candidate
@@ -57,6 +58,7 @@ class ScreeningScore:
     noise_gains: np.ndarray
     shapes: tuple[ShapeSensitivity, ...] = ()
     is_slow: bool = False
+    by_size: SizeBeyondStates | None = None
     squares: float = 1.0
     noise_squares: np.ndarray | float = 1.0
 
