@@ -240,6 +240,7 @@ EFFECTS = (
     CAPSTAN,
     in_front(CAPSTAN, "friction in proportion to the tension (a tendon in its sheath), in front of the model"),
     MEMORY,
+    in_front(MEMORY, "hysteresis with memory of earlier reversals (plays of several widths), in front of the model"),
     across(MEMORY, "memory", "by the input"),
     POSITION_DEPENDENCE,
     on_input(POSITION_DEPENDENCE, "loop"),
