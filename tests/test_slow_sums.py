@@ -38,3 +38,17 @@ def test_recordings_of_few_samples_count_whole(monkeypatch):
     monkeypatch.setattr(slow, "rows_of_experiments", lambda *_: {"a": slice(0, 150)})
     r = np.random.default_rng(1).standard_normal((150, 1))
     assert slow.slow_sums(MODEL, r)[0] == pytest.approx(float(np.sum(r**2)))
+
+
+@pytest.mark.parametrize(("wander", "enough"), [(0.5, True), (2.0, False)])
+def test_a_jump_explains_the_slowest_part_unless_what_it_leaves_wanders_more(wander, enough):
+    jump, noise = np.where(T > 1234, 1.0, -0.5), np.random.default_rng(2).standard_normal(5000)
+    left = noise + wander * np.sin(2 * np.pi * T / 2500)
+    base, fitted = (SimpleNamespace(setup=MODEL.setup, r=r) for r in (left + jump, left))
+    assert slow.explains_slowest(fitted, base) is enough
+
+
+def test_slow_noise_that_is_shorter_than_a_tenth_does_not_count():
+    jump, noise = np.where(T > 1234, 1.0, -0.5), 5 * np.sin(2 * np.pi * T / 100)
+    base, fitted = (SimpleNamespace(setup=MODEL.setup, r=r) for r in (noise + jump, noise))
+    assert slow.explains_slowest(fitted, base)

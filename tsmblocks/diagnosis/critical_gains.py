@@ -18,6 +18,8 @@ LEVEL_OF_SLOW = 0.01
 the slow part of a spectrum, which such effects resemble, is known from a few cycles only."""
 OFFSET = "offset"
 """The effect that is a constant."""
+WANDERING = (OFFSET, "drift", "jump")
+"""Effects that add a slow function of time, as slow noise does. Changes of a gain move with the motion."""
 SMALLEST_GAIN = 1e-9
 """Gain in noise, as a share of the sum of squares, that a candidate has at least. Chosen: rounding."""
 LARGEST_SHARE = 1 - 1e-6
@@ -41,6 +43,11 @@ def critical_gains(scores: Sequence[ScreeningScore], multiplicity: Mapping[str, 
     """
     limits = {one: multiplicity[family_of(one.candidate)] * _critical_alone(_ratios(one)) for one in scores}
     return {one: one.squares * limit / (1 + limit) for one, limit in limits.items()}
+
+
+def is_wandering(candidate: Candidate) -> bool:
+    """Whether a candidate adds a slow function of time and nothing else."""
+    return is_of_time(candidate) and candidate.effect.name in WANDERING
 
 
 def family_of(candidate: Candidate) -> str:

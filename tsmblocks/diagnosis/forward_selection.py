@@ -11,7 +11,7 @@ from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidate_fits import at_sufficient_step
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.commands import OtherCommands
-from tsmblocks.diagnosis.critical_gains import critical_gains, critical_multiplicity
+from tsmblocks.diagnosis.critical_gains import critical_gains, critical_multiplicity, is_wandering
 from tsmblocks.diagnosis.decision import (
     Shrinkage,
     Verdict,
@@ -36,6 +36,7 @@ from tsmblocks.diagnosis.screened_candidates import chosen_candidates, screened_
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.shift_in_time import is_shift_in_time
+from tsmblocks.diagnosis.slow_sums import explains_slowest
 from tsmblocks.diagnosis.takes_over import switches_off
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
 
@@ -79,7 +80,7 @@ def search_round(
     base_loss = mean_loss(losses[0], search.blocks)
     for score, m in with_memories(fits):
         candidate, gain = score.candidate, (model.mean_square - m.mean_square) * len(model.r)
-        untenable = next(_why_noise(score, gain, limits[score]), "")
+        untenable = next(_why_noise(score, m, model, gain, limits[score]), "")
         untenable = untenable or next(_why_untenable(m, model, candidate, search, gain, by_motion), "")
         found = fitted_candidate(candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
@@ -89,10 +90,12 @@ def search_round(
     return SearchRound(model, *losses, tuple(scores), verdict, multiplicity=multiplicity)
 
 
-def _why_noise(score: ScreeningScore, gain: float, limit: float) -> Iterator[str]:
-    """Why what a fitted candidate gains is no more than it may gain in noise; nothing where it is more."""
+def _why_noise(score: ScreeningScore, fitted: Model, base: Model, gain: float, limit: float) -> Iterator[str]:
+    """Why what a fitted candidate gains beside a base is no more than it may in noise; nothing where it is more."""
     if gain <= limit:
         yield "random noise of its spectrum is reduced as much"
+    if is_wandering(score.candidate) and not explains_slowest(fitted, base):
+        yield "what it leaves wanders more"
     if score.by_size is not None and score.by_size.is_noise:
         yield "its initial states alone explain as much"
 

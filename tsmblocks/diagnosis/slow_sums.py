@@ -16,21 +16,33 @@ from tsmblocks.fitting.inner_products import square
 BLOCKS = 100
 """Averages of a residual in each experiment that hold its slow part. Chosen: steps and slopes are slower, and of white
 noise in thousands of samples next to nothing is left."""
+SLOWEST_BLOCKS = 10
+"""Averages of a residual in each experiment that hold its slowest part. Chosen: an effect of time lasts for tenths of a
+recording, and of noise that is slow but shorter little is left."""
 SLOW_SHARE = 0.9
 """Share of the square of a change of the outputs in its averages from which it is slow. Chosen: a step within one of
 them loses less."""
 
 
-def slow_sums(model: Model, columns: np.ndarray) -> np.ndarray:
-    """The sum of squares of the slow part of residuals (N, D), shape (D,)."""
+def slow_sums(model: Model, columns: np.ndarray, blocks: int = BLOCKS) -> np.ndarray:
+    """The sum of squares of the slow part of residuals (N, D), shape (D,): of averages over so many blocks."""
     total = np.zeros(columns.shape[1])
     for output in range(len(model.setup.outputs)):
         for rows in rows_of_experiments(model, output).values():
             part = columns[rows].astype(float)
-            first = np.arange(0, len(part), max(1, len(part) // BLOCKS))
+            first = np.arange(0, len(part), max(1, len(part) // blocks))
             lengths = np.diff(np.append(first, len(part)))
             total += np.sum(np.add.reduceat(part, first, axis=0) ** 2 / lengths[:, None], axis=0)
     return total
+
+
+def explains_slowest(fitted: Model, base: Model) -> bool:
+    """Whether a model with one slow function of time more explains half of the slowest part of a residual.
+
+    Else what is left wanders more than the effect does, and the effect is a part of that.
+    """
+    before, after = (float(slow_sums(one, one.r[:, None], SLOWEST_BLOCKS)[0]) for one in (base, fitted))
+    return after <= before / 2
 
 
 def is_slow(model: Model, change: np.ndarray) -> bool:
