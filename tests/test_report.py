@@ -24,6 +24,7 @@ from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.rejection import NOT_ACCEPTED
 from tsmblocks.diagnosis.segment import Quantity
+from tsmblocks.diagnosis.shift_in_time import SHIFT_IN_TIME
 from tsmblocks.html import charts, figures
 from tsmblocks.html.pages import style
 from tsmblocks.html.report import page
@@ -215,6 +216,18 @@ def test_a_factor_that_varies_has_two_readings_and_its_residual_is_compared_with
     ]
     unknown = attrs.evolve(said, verdict="unknown", effects=(), ranking=(ranked("dead_time", 0.24),))
     assert f"The residual has a part in proportion to {where}." in verdict_text.verdict_sentence(unknown)
+
+
+@pytest.mark.parametrize(("coefficient", "words"), [(5e-5, "leads the model by about 0.05"), (-0.012, "lags behind")])
+def test_a_residual_in_proportion_to_the_speed_is_one_of_the_time_stamps(coefficient, words):
+    shift = attrs.evolve(
+        ranked("rate_dependence", 0.85), parameters={"coefficient": coefficient, "exponent": 1.0}, why_not=SHIFT_IN_TIME
+    )
+    (step,) = (one for one in next_steps(attrs.evolve(UNKNOWN, ranking=(shift,))) if "time stamps" in one)
+    assert words in step
+    assert "(85 % of the variance above the noise floor)" in step
+    small = attrs.evolve(UNKNOWN, ranking=(attrs.evolve(shift, share=0.3),))
+    assert not any("time stamps" in one for one in next_steps(small))
 
 
 def test_an_experiment_whose_error_is_far_from_all_others_is_looked_at_alone():

@@ -35,7 +35,7 @@ from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, wi
 from tsmblocks.diagnosis.screened_candidates import chosen_candidates, screened_candidates
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
-from tsmblocks.diagnosis.shift_in_time import is_shift_in_time
+from tsmblocks.diagnosis.shift_in_time import SHIFT_IN_TIME, is_shift_in_time
 from tsmblocks.diagnosis.slow_sums import explains_slowest
 from tsmblocks.diagnosis.takes_over import switches_off
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
@@ -116,7 +116,7 @@ def _why_untenable(
     if filters_noise(fitted, candidate, search.input_noise):
         yield "removes noise of the input only"
     if is_shift_in_time(fitted, candidate):
-        yield "in proportion to the speed: a shift in time"
+        yield SHIFT_IN_TIME
     if switches_off(fitted, base, search.effects):
         yield "it replaces the model instead of adding to it"
 

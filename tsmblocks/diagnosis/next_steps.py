@@ -6,13 +6,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.insertion_points import is_speed
 from tsmblocks.diagnosis.limits import NO_PLACE, NOT_EXCITED
 from tsmblocks.diagnosis.segment import Gap, Segment
+from tsmblocks.diagnosis.shift_in_time import COEFFICIENT, SHIFT_IN_TIME
 from tsmblocks.diagnosis.verdict_text import slow_noise
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.maps import RIPPLE
+from tsmblocks.effects.sizes import MILLISECONDS
 
 MIN_OTHERS, ODD_RATIO = 2, 1.5
 """Number of other experiments at least, and error over the largest of theirs, from which one stands out. Chosen: noise
@@ -20,6 +23,8 @@ of one sensor varies by less."""
 COMPARE_STRUCTURES = "Compare other structures of the model on these recordings: tsm.compare, or tsmblocks compare."
 NOISE_RATIO = 5.0
 """Residual over the noise floor up to which the noise itself is worth knowing. Chosen: slow noise is rarely more."""
+MIN_SHIFT_SHARE = 0.5
+"""Share of the variance above the noise that a shift in time removes, from which it is told. Chosen: most of it."""
 SHOW_SHAPE = "Record more data over the full range of the signals that predict the residual, to show its shape."
 """The next step where a coordinate of the motion predicts the residual."""
 
@@ -59,6 +64,7 @@ def next_steps(segment: Segment) -> list[str]:
     return [
         *alone,
         *_others_to_try(segment),
+        *_check_time_stamps(segment),
         *_integrate_a_speed(segment),
         COMPARE_STRUCTURES,
         *([SHOW_SHAPE] if segment.where else []),
@@ -112,6 +118,22 @@ def _integrate_a_speed(segment: Segment) -> list[str]:
     return [
         f"Put an Integrator behind {speeds[0]} in the diagram: without a position, a ripple of the force over the "
         "position (cogging, torque ripple) was not tried."
+    ]
+
+
+def _check_time_stamps(segment: Segment) -> list[str]:
+    """Where the residual is in proportion to the speed of a signal: the times of the recording may be wrong."""
+    last = max((one.round for one in segment.ranking), default=0)
+    shifted = [one for one in segment.ranking if one.round == last and one.why_not == SHIFT_IN_TIME]
+    best = max(shifted, key=lambda one: one.share, default=None)
+    if best is None or not best.share >= MIN_SHIFT_SHARE:
+        return []
+    shift, signal = best.parameters[COEFFICIENT], best.wire.rpartition(" ")[2]
+    by = f"{to_digits(abs(shift) * MILLISECONDS, 2)} ms"
+    way, cause = ("leads", "too long") if shift > 0 else ("lags behind", "missing or too short")
+    return [
+        f"Check the time stamps, and the delays of the diagram: {signal} {way} the model by about "
+        f"{by} ({100 * best.share:.0f} % of the variance above the noise floor), as where channels are not sampled at one instant, or a delay or a lag of the diagram is {cause}."
     ]
 
 

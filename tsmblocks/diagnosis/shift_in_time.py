@@ -5,8 +5,10 @@ from __future__ import annotations
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.model import Model
 
-RATE_DEPENDENCE, EXPONENT = "rate_dependence", "exponent"
-"""The effect that changes a signal by a power of its speed, and its parameter."""
+RATE_DEPENDENCE, COEFFICIENT, EXPONENT = "rate_dependence", "coefficient", "exponent"
+"""The effect that changes a signal by a power of its speed, and its parameters."""
+SHIFT_IN_TIME = "in proportion to the speed: a shift in time"
+"""Why it is not named where that power is one."""
 MIN_DISTANCE = 0.07
 """Distance of the exponent from 1 below which the change is a shift in time. Chosen: half of that of a stretch that
 grows a little slower than the speed; a power of 0.93 or 1.07 is within 10 % of a line over a decade of speeds."""
