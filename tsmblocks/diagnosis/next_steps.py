@@ -133,7 +133,8 @@ def _check_time_stamps(segment: Segment) -> list[str]:
     way, cause = ("leads", "too long") if shift > 0 else ("lags behind", "missing or too short")
     return [
         f"Check the time stamps, and the delays of the diagram: {signal} {way} the model by about "
-        f"{by} ({100 * best.share:.0f} % of the variance above the noise floor), as where channels are not sampled at one instant, or a delay or a lag of the diagram is {cause}."
+        f"{by} ({100 * best.share:.0f} % of the variance above the noise floor), as where channels are not sampled at "
+        f"one instant, or a delay or a lag of the diagram is {cause}."
     ]
 
 
