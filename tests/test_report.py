@@ -367,7 +367,7 @@ def test_notes_of_several_experiments_are_gathered():
     [
         (Quantity(0.00872665, 0.0085, 0.00895, "rad"), "0.500 ± 0.013 deg"),
         (Quantity(1234.0, 1200.0, 1268.0, "V"), "1234 ± 34 V"),
-        (Quantity(123400.0, 120000.0, 126800.0, "V"), "1.23e+05 ± 3.4e+03 V"),
+        (Quantity(123400.0, 120000.0, 126800.0, "V"), "(1.234 ± 0.034)e5 V"),
         (Quantity(2.0, -np.inf, np.inf, ""), "2 (not determined)"),
         (Quantity(2.0, 2.0, 2.0, "s"), "2 s"),
         (Quantity(0.17453292519943295, 0.1, 0.25, "rad/s"), "0.175 ± 0.075 rad/s"),

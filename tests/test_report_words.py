@@ -227,7 +227,7 @@ def test_numbers_are_written_as_engineers_write_them(value, shown):
 def test_sizes_and_intervals_have_no_powers_of_ten_either():
     assert presentation.in_display_units(2980.4, "V") == "2980 V"
     assert presentation.with_interval(Quantity(2980.4, 2640.0, 3320.8, "V")) == "2980 ± 340 V"
-    assert presentation.with_interval(Quantity(2.98e6, 2.64e6, 3.32e6, "V")) == "2.98e+06 ± 3.4e+05 V"
+    assert presentation.with_interval(Quantity(2.98e6, 2.64e6, 3.32e6, "V")) == "(2.98 ± 0.34)e6 V"
 
 
 def test_detection_limits_in_the_file_are_those_of_the_text_and_have_their_units():

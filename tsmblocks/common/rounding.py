@@ -25,15 +25,21 @@ def decimals(value: float, half: float) -> int:
 
 
 def plus_minus(value: float, half: float, unit: str = "") -> str:
-    """An estimate with half its interval, angles in degrees: ``0.157 ± 0.011 deg``. ``half`` is finite, above zero."""
+    """An estimate with half its interval, angles in degrees: ``0.157 ± 0.011 deg``. ``half`` is finite, above zero.
+
+    Very small and very large ones share a power of ten: ``(5.047 ± 0.041)e-4 V``.
+    """
     k, shown = display_unit(unit)
     value, half = k * value, k * half
-    places, of_half = decimals(value, half), decimals(0.0, half)
-    if places > MOST_DECIMALS or (of_half < 0 and max(abs(value), half) >= LARGEST_PLAIN):
-        numbers = f"{value:.3g} ± {half:.2g}"
-    else:
-        numbers = f"{fixed(value, places)} ± {fixed(half, of_half)}"
-    return f"{numbers} {shown}".rstrip()
+    places, largest = decimals(value, half), max(abs(value), half)
+    if places <= MOST_DECIMALS and (decimals(0.0, half) >= 0 or largest < LARGEST_PLAIN):
+        return f"{_pair(value, half)} {shown}".rstrip()
+    power = math.floor(math.log10(largest))
+    return f"({_pair(value / 10.0**power, half / 10.0**power)})e{power} {shown}".rstrip()
+
+
+def _pair(value: float, half: float) -> str:
+    return f"{fixed(value, decimals(value, half))} ± {fixed(half, decimals(0.0, half))}"
 
 
 def fixed(value: float, places: int) -> str:

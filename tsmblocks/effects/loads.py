@@ -108,7 +108,7 @@ EFFECTS = (
     Effect(
         "stiffness",
         "load",
-        "a force proportional to the position (a spring; negative for an unstable load)",
+        "a force proportional to the position (a spring, a leak; negative for an unstable load)",
         "load",
         resisting("stiffness", {"away": Bias(bias=0.0), "force": Gain(gain=0.0)}),
         {"force.gain": 0.0},
