@@ -760,3 +760,7 @@ def test_initial_states_of_many_experiments_that_are_hardly_determined_are_one_r
     assert first == "gain is poorly determined."
     assert second.startswith("motor.speed in 60 experiments (r1#0, r1#1")
     assert second.endswith("is poorly determined: a confidence interval is wider than the value or its bounds.")
+    fit.estimates = tuple(SimpleNamespace(name=name, start=1.0, value=1.0, is_start=name != "gain") for name in names)
+    assert cautions(fit)[1].startswith("The initial value of motor.speed in 60 experiments (r1#0, r1#1")
+    fit.undetermined = found[:2]
+    assert cautions(fit)[1] == "The initial value of motor.speed in r1#0 is poorly determined."

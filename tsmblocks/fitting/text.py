@@ -113,6 +113,15 @@ def flipped_gains(before: Mapping[str, float], after: Mapping[str, float]) -> li
     ]
 
 
+def _of_initial_value(fit: Fit, sentence: str) -> str:
+    """A sentence on an unknown, which says so where that is the initial value of a state in an experiment."""
+    name, _, rest = sentence.partition(" ")
+    parameter, _, experiment = name.partition("@")
+    if parameter not in {e.name.partition("@")[0] for e in fit.estimates if e.is_start and "@" in e.name}:
+        return sentence
+    return f"The initial value of {parameter}{experiment and f' in {experiment}'} {rest}"
+
+
 def estimate_cautions(fit: Fit) -> list[str]:
     """Cautions on the estimates, a sentence each."""
     said = flipped_gains({e.name: e.start for e in fit.estimates}, {e.name: e.value for e in fit.estimates})
@@ -127,11 +136,8 @@ def estimate_cautions(fit: Fit) -> list[str]:
     said += _combinations(fit)
     uncertain = {u.names[0]: u.words for u in fit.undetermined if u.kind == UNCERTAIN}
     for name in dict.fromkeys(_gathered([(name,) for name in uncertain])):
-        said.append(
-            uncertain.get(
-                name, f"{name} is poorly determined: a confidence interval is wider than the value or its bounds."
-            )
-        )
+        several = f"{name} is poorly determined: a confidence interval is wider than the value or its bounds."
+        said.append(_of_initial_value(fit, uncertain.get(name, several)))
     said += [f"The fit ended at {name}: a better one may lie beyond it." for name in fit.active]
     pairs = [(a, b, c) for a, b, c in tangled(fit) if not any({a, b} <= {*u.names} for u in fit.undetermined)]
     strongest: dict[str, float] = {}
