@@ -123,3 +123,13 @@ def test_no_experiment_is_proposed_whose_difference_is_too_small_to_name_an_effe
         said = separating_experiment(one, [other], records, ASKED)
         assert said.startswith("a chirp (expected difference") is proposed
         assert ("separates them (expected difference 0.11 times the noise; 0.24 is needed)" in said) is not proposed
+
+
+def test_for_an_effect_of_time_nothing_shorter_than_the_recordings_is_proposed(models, monkeypatch):
+    records, dead, lag = models
+    monkeypatch.setattr(discrimination, "separations", lambda *_: [Separation("a chirp", 2.0)])
+    drift, other = standing_for(dead, effect("drift")), standing_for(lag, effect("first_order_lag"))
+    for samples, proposed in ((1000, False), (2500, True)):  # the recordings have 1500
+        monkeypatch.setattr(discrimination, "EXPERIMENT_SAMPLES", samples)
+        assert (separating_experiment(drift, [other], records, ASKED) == effect("drift").separates) is not proposed
+        assert separating_experiment(other, [standing_for(lag, effect("dead_time"))], records, ASKED)[:7] == "a chirp"

@@ -14,6 +14,7 @@ import numpy as np
 
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.data import Record
+from tsmblocks.diagnosis.critical_gains import is_of_time
 from tsmblocks.diagnosis.cross_validation import projected_jacobian, without_initial_states
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
@@ -66,6 +67,8 @@ def separating_experiment(
     rivals = [one for one in others if one.candidate.effect.name != own.name]
     if not rivals:
         return ""
+    if own.separates and any(is_of_time(one.candidate) for one in (named, *rivals)) and _is_shorter(records):
+        return own.separates
     best = max(separations(named, rivals, records, settings), key=lambda one: one.size, default=None)
     if best is None:
         return own.separates
@@ -77,6 +80,11 @@ def separating_experiment(
         )
     enough = f", rms; {to_digits(MIN_SEPARATION)} is enough" if best.size < 1 else ""  # of thousands of samples
     return f"{best.words} (expected difference {to_digits(best.size)} times the noise{enough})"
+
+
+def _is_shorter(records: Mapping[str, Record]) -> bool:
+    """Whether a proposed experiment is shorter than the recordings, in which an effect of time takes longer to show."""
+    return any(len(one.t) > EXPERIMENT_SAMPLES for one in records.values())
 
 
 def separations(
