@@ -24,7 +24,7 @@ COMPARE_STRUCTURES = "Compare other structures of the model on these recordings:
 NOISE_RATIO = 5.0
 """Residual over the noise floor up to which the noise itself is worth knowing. Chosen: slow noise is rarely more."""
 MIN_SHIFT_SHARE = 0.5
-"""Share of the variance above the noise that a shift in time removes, from which it is told. Chosen: most of it."""
+"""Share of the variance above the noise that a shift in time removes, from which it is named. Chosen: most of it."""
 SHOW_SHAPE = "Record more data over the full range of the signals that predict the residual, to show its shape."
 """The next step where a coordinate of the motion predicts the residual."""
 

@@ -39,7 +39,7 @@ def slow_sums(model: Model, columns: np.ndarray, blocks: int = BLOCKS) -> np.nda
 def explains_slowest(fitted: Model, base: Model) -> bool:
     """Whether a model with one slow function of time more explains half of the slowest part of a residual.
 
-    Else what is left wanders more than the effect does, and the effect is a part of that.
+    Else the residual that remains wanders more than the effect does, and the effect is a part of that.
     """
     before, after = (float(slow_sums(one, one.r[:, None], SLOWEST_BLOCKS)[0]) for one in (base, fitted))
     return after <= before / 2
