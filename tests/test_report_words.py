@@ -400,3 +400,14 @@ def test_long_names_in_headings_are_broken_after_an_underscore_and_never_cut():
         ["before", "ripple", "+ jump"],
     ]
     assert text_of_diagnosis._headings(["before", "+ jump"], 12) == [["before", "+ jump"]]
+
+
+def test_a_round_that_was_repeated_beside_effects_that_were_named_later_says_so():
+    def heading(wire):
+        rows = [attrs.evolve(r, wire=wire) if r.round == 1 and r.named else r for r in NAMED.ranking]
+        effects = (*NAMED.effects, attrs.evolve(NAMED.effects[0], name="drift", block="drift"))
+        text = of(attrs.evolve(NAMED, ranking=tuple(rows), effects=effects)).details()
+        return next(line for line in text.splitlines() if line.startswith("candidates, round 1"))
+
+    assert heading("play.y -> drift.u").endswith("; beside the effects named later):")
+    assert "beside" not in heading("drifting.y -> x_out")

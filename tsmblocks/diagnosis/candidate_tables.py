@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from tsmblocks.common.tables import columns, table_width
@@ -38,6 +39,7 @@ def candidate_tables(segment: Segment) -> list[str]:
         remarks = filter(None, [nothing_to_remove(fitted), explained(shown, variants)])
         legend = "".join(f"\n{filled(text)}" for text in remarks)
         key += f"; critical t: {shown[0].line:.1f}"
+        key += "; beside the effects named later" if _is_beside_later(segment, number, shown) else ""
         parts.append(f"candidates, round {number} ({key}):\n{_candidate_table(segment, shown)}{legend}{more}")
     if not parts:
         return []
@@ -48,6 +50,12 @@ def candidate_tables(segment: Segment) -> list[str]:
         "by chance in 5 % of cases. The reduction also has to exceed that of surrogate noise."
     )
     return [*parts, filled(key_words)]
+
+
+def _is_beside_later(segment: Segment, number: int, rows: Sequence[RankedCandidate]) -> bool:
+    """Whether candidates of a round were placed beside effects that were named after it: it was then repeated."""
+    later = {one.block for one in segment.effects[number:]}
+    return any(later & set(re.findall(r"\w+(?=\.)", one.wire)) for one in rows)
 
 
 def _candidate_table(segment: Segment, shown: Sequence[RankedCandidate]) -> str:
