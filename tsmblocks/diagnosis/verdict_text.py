@@ -160,8 +160,9 @@ def _shape(segment: Segment) -> str:
         if max(fitted, default=0.0) > LARGE_SHARE:  # one that could not be named does predict it
             return "The residual is too large for noise."
         return f"The residual is irregular: {UNPREDICTED}, and it is too large for noise."
-    share = percent(segment.predictable[1])
-    return f"Of the residual's mean square, {share} is predicted from the recorded signals on held-out data."
+    whole = (1 + segment.excess) / segment.excess if segment.excess > 0 else 1.0  # in the noise and what is above it
+    share = percent(min(segment.predictable[1] * whole, 1.0))
+    return f"Of the variance above the noise floor, {share} is predicted from the recorded signals on held-out data."
 
 
 def slow_noise(segment: Segment) -> str:
