@@ -80,7 +80,7 @@ def search_round(
     base_loss = mean_loss(losses[0], search.blocks)
     for score, m in with_memories(fits):
         candidate, gain = score.candidate, (model.mean_square - m.mean_square) * len(model.r)
-        untenable = next(_why_noise(score, m, model, gain, limits[score]), "")
+        untenable = next(_why_noise(score, m, model, gain, limits[score], known), "")
         untenable = untenable or next(_why_untenable(m, model, candidate, search, gain, by_motion), "")
         found = fitted_candidate(candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
@@ -90,11 +90,17 @@ def search_round(
     return SearchRound(model, *losses, tuple(scores), verdict, multiplicity=multiplicity)
 
 
-def _why_noise(score: ScreeningScore, fitted: Model, base: Model, gain: float, limit: float) -> Iterator[str]:
-    """Why what a fitted candidate gains beside a base is no more than it may in noise; nothing where it is more."""
+def _why_noise(
+    score: ScreeningScore, fitted: Model, base: Model, gain: float, limit: float, known: FittedCandidate | None
+) -> Iterator[str]:
+    """Why what a fitted candidate gains beside a base is no more than it may in noise; nothing where it is more.
+
+    ``known`` is one that was named in another model, in which it is known to explain more than it leaves.
+    """
+    new = known is None or known.candidate.effect.name != score.candidate.effect.name
     if gain <= limit:
         yield "random noise of its spectrum is reduced as much"
-    if is_wandering(score.candidate) and not explains_slowest(fitted, base):
+    if new and is_wandering(score.candidate) and not explains_slowest(fitted, base):
         yield "what it leaves wanders more"
     if score.by_size is not None and score.by_size.is_noise:
         yield "its initial states alone explain as much"

@@ -15,7 +15,7 @@ from tsmblocks.diagnosis.candidates import Candidate, WireSignals
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.diagnosis.own_instants import Products, for_each, joined, moved, noise_gains, regular
 from tsmblocks.diagnosis.screening_score import MAX_SIZE_FACTOR, ScreeningScore, ShapeSensitivity
-from tsmblocks.diagnosis.size_beyond_states import MAX_COLUMNS, SizeBeyondStates, size_beyond_states
+from tsmblocks.diagnosis.size_beyond_states import MAX_VALUES, SizeBeyondStates, size_beyond_states
 from tsmblocks.diagnosis.slow_sums import is_slow
 from tsmblocks.fitting.column_space import ColumnSpace
 from tsmblocks.fitting.inner_products import product, square
@@ -220,7 +220,8 @@ class _Screening:
     def size_beyond_states(self, one: _ShapeTrial, noise: np.ndarray) -> SizeBeyondStates | None:
         """What the sizes of a shape gain beyond states that may begin anywhere; None where there are no such states."""
         places, strengths = self._places_of_states, self.candidate.trials.strengths
-        if not places or not strengths or len(places) * len(self.problem.unknowns.experiments) > MAX_COLUMNS:
+        values = len(places) * len(self.problem.unknowns.experiments) * self.problem.samples
+        if not places or not strengths or values > MAX_VALUES:
             return None
         sets = [self._unknowns_at({**one.shape, name: size}) for name, size in strengths.items()]
         for some in ([], *places):

@@ -12,8 +12,8 @@ import numpy as np
 from tsmblocks.diagnosis.own_instants import regular
 from tsmblocks.fitting.column_space import ColumnSpace
 
-MAX_COLUMNS = 128
-"""Initial states of a candidate in all experiments, at most, for which this is computed. Chosen: for the run time; of
+MAX_VALUES = 20_000_000
+"""Samples times initial states in all experiments, at most, for which this is computed. Chosen: for memory, 160 MB; of
 so many experiments each is short, and a fading memory no slow function."""
 LEVEL = 0.05
 """Probability that the size gains as much in noise. Source: convention."""
