@@ -8,9 +8,9 @@ import pytest
 import tsmblocks as tsm
 from tests.search_tables import Table, names, search_of
 from tsmblocks import blocks as b
-from tsmblocks.diagnosis import undetermined
+from tsmblocks.diagnosis import determined, undetermined
 from tsmblocks.diagnosis.forward_selection import forward_search
-from tsmblocks.diagnosis.rejection import NO_SIZE, NOT_DETERMINED
+from tsmblocks.diagnosis.rejection import NO_SIZE, NOT_DETERMINED, TAKES_PLACE
 from tsmblocks.effects import catalogue
 
 T = np.arange(0.0, 12.0, 0.05)
@@ -20,7 +20,7 @@ T = np.arange(0.0, 12.0, 0.05)
 def left_out(monkeypatch):
     """What is named on a table in the end, where these effects are not determined in these models."""
 
-    def search(left, open_in):
+    def search(left, open_in, lost_in=()):
         table = Table(left, {}, {})
         whole = search_of(table, monkeypatch)
         monkeypatch.setattr(undetermined, "held_out_losses", lambda model, *_: (np.array([table.loss(model)]),))
@@ -29,6 +29,7 @@ def left_out(monkeypatch):
             return one.candidate.effect.name not in open_in.get("".join(sorted(model)), "")
 
         monkeypatch.setattr(undetermined, "_is_determined", is_determined)
+        monkeypatch.setattr(undetermined, "lost_parameters", lambda model, _: "".join(sorted(model)) in lost_in)
         rounds = []
         forward_search(frozenset(), {}, whole, rounds)
         kept, omitted = undetermined.without_undetermined(rounds, whole)
@@ -44,6 +45,33 @@ def test_the_next_best_candidate_takes_the_place_of_one_that_is_open(left_out):
 def test_the_last_one_goes_where_it_made_a_better_one_open(left_out):
     """A explains nearly all; B beside it imitates it, so that the size of A is open, but alone leaves far more."""
     assert left_out({"": 20, "A": 3.0, "B": 15.0, "AB": 1.0}, {"AB": "A"}) == ("A", [(1, "B", NOT_DETERMINED)])
+
+
+def test_an_effect_beside_which_the_model_is_lost_is_left_out(left_out):
+    table = {"": 20, "A": 6.0, "B": 9.0, "AB": 1.0}
+    assert left_out(table, {}, ["AB"]) == ("A", [(1, "B", TAKES_PLACE)])
+    assert left_out(table, {}, ["A", "AB"]) == ("", [(1, "B", TAKES_PLACE), (0, "A", TAKES_PLACE)])
+
+
+@pytest.mark.parametrize(
+    ("value", "spread", "lost"),
+    [(3.0, 2.0, True), (3.0, 1.4, False), (0.0, 0.5, False), (0.0, 1.1, True), (3.0, np.inf, False)],
+)
+def test_a_parameter_is_lost_where_its_interval_is_much_wider_and_includes_zero(value, spread, lost, monkeypatch):
+    """It was known to 0.1 without the effect. One that goes to zero and is known as well as before is not lost."""
+    base, model = (
+        SimpleNamespace(
+            problem=SimpleNamespace(unknowns=SimpleNamespace(names=names)),
+            is_local=np.zeros(len(names), dtype=bool),
+            theta=np.array([value, 1.0][: len(names)]),
+        )
+        for names in (("lag.gain",), ("lag.gain", "friction.gain"))
+    )
+    known = {id(base): [0.1], id(model): [spread, 0.2]}
+    monkeypatch.setattr(
+        determined, "uncertainty_of_effects", lambda one, _: SimpleNamespace(covariance=np.diag(known[id(one)]) ** 2)
+    )
+    assert determined.lost_parameters(model, base) == ["lag.gain"] * lost
 
 
 def test_a_simpler_variant_of_an_effect_that_was_left_out_has_its_turn():
@@ -129,4 +157,5 @@ def test_a_search_that_was_stopped_keeps_effects_that_are_determined(open_beside
     verdicts = [SimpleNamespace(named=name) for name in "ABC"] + [SimpleNamespace(named=None)]
     rounds = [SimpleNamespace(base=k, verdict=verdict) for k, verdict in enumerate(verdicts)]
     monkeypatch.setattr(undetermined, "_is_determined", lambda one, model, base: open_beside.get(model) != one)
+    monkeypatch.setattr(undetermined, "lost_parameters", lambda model, _: [])
     assert undetermined.determined_count(rounds, 3) == count

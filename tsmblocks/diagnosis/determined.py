@@ -14,11 +14,16 @@ from tsmblocks.fitting.summary import unknown_sizes
 
 SIGNIFICANCE_LEVEL = 0.05
 """Probability that an effect of size zero is taken for determined. Chosen: that of the intervals that are reported."""
+INTERVAL = 2.0
+"""Half of a confidence interval over the standard deviation. Source: 95 %, normal."""
 SMALL_ANGLE = 1e-6
 """Part of a direction without effect from which an initial state that shows by an effect alone is in it. Chosen: beyond
 rounding; a small turn of the phase of a ripple changes the smaller one of its amplitudes much."""
 ALONE = 0.999
 """Length of an unknown in the space of directions without effect from which it has none alone. Chosen: rounding."""
+MAX_WIDENING = 10.0
+"""Interval of a parameter of the base beside effects, over that without them, from which it is lost. Chosen: effects
+that share with it what it explains widen it by a few times."""
 MIN_EIGENVALUE_SHARE = 1e-10
 """Share of a correlation matrix's largest eigenvalue below which a direction is one with another. Chosen: rounding."""
 
@@ -80,6 +85,25 @@ def uncertainty_of_effects(model: Model, base: Model) -> Uncertainty:
     held = [name in redundant or (bool(at) and name in known) for name, at in zip(names, model.at_bound, strict=True)]
     directions = np.eye(len(names))[np.array(held, dtype=bool)]
     return uncertainty(model.J, model.r, model.problem.segments, held=directions if len(directions) else None)
+
+
+def lost_parameters(model: Model, base: Model) -> list[str]:
+    """Parameters of a base that are not determined any more in a model that adds effects to it.
+
+    Their intervals are many times as wide as without the effects, and wider than their values: the effects do not add
+    to the base then, but take its place. One that goes to zero since an effect explains more than it keeps its width.
+    """
+    spreads = [np.sqrt(np.diag(uncertainty_of_effects(one, base).covariance)) for one in (base, model)]
+    before, after = (
+        dict(zip(m.problem.unknowns.names, s, strict=True)) for m, s in zip((base, model), spreads, strict=True)
+    )
+    known = dict(zip(model.problem.unknowns.names, model.theta, strict=True))
+    return [
+        name
+        for name, local in zip(base.problem.unknowns.names, base.is_local, strict=True)
+        if not local and name in known and np.isfinite(after[name]) and before[name] > 0
+        if after[name] > MAX_WIDENING * before[name] and INTERVAL * after[name] > abs(known[name])
+    ]
 
 
 def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], base: Model) -> bool:

@@ -24,8 +24,9 @@ INDISTINGUISHABLE = "indistinguishable"
 WORSE_BESIDE_OTHERS = "larger error beside the other effects"
 NOT_DETERMINED = "left out: not determined beside the other effects"
 NO_SIZE = "left out: its size is not determined with these data"
+TAKES_PLACE = "left out: the parameters of the model are not determined beside it"
 RECURRING = "left out: an error that comes and goes so often is irregular"
-LEFT_OUT = (NOT_DETERMINED, NO_SIZE, RECURRING)
+LEFT_OUT = (NOT_DETERMINED, NO_SIZE, TAKES_PLACE, RECURRING)
 """Reasons of effects that were accepted at first."""
 NO_BETTER = "no better on held-out data"
 NOT_SIGNIFICANT = "not significant"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import attrs
@@ -9,14 +10,14 @@ import numpy as np
 
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.decision import Shrinkage, held_out_losses, mean_loss, shrinkage_of
-from tsmblocks.diagnosis.determined import is_determined
+from tsmblocks.diagnosis.determined import is_determined, lost_parameters
 from tsmblocks.diagnosis.diagnosed_part import Omission
 from tsmblocks.diagnosis.exchange import rounds_for
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
-from tsmblocks.diagnosis.forward_selection import MAX_EFFECTS, closing_round, forward_search
+from tsmblocks.diagnosis.forward_selection import closing_round, forward_search
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.quantities import Estimate
-from tsmblocks.diagnosis.rejection import NO_SIZE, NOT_DETERMINED
+from tsmblocks.diagnosis.rejection import NO_SIZE, NOT_DETERMINED, TAKES_PLACE
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.effects import Effect, Relative
 
@@ -32,23 +33,26 @@ def without_undetermined(
 ) -> tuple[list[SearchRound], list[Omission]]:
     """Rounds in which every accepted effect is determined beside all the others, and those that were left out.
 
-    One that is not is left out, or the one that was named last and made it so, whichever leaves less. The search then
-    continues without its name: the next best candidate is tried, which may be a simpler variant of the same effect.
+    One that is not is left out, or the one that was named last and made it so, whichever leaves less; so is the last
+    one where parameters of the base are not determined any more. The search then continues without its name: the next
+    best candidate is tried, which may be a simpler variant of the same effect.
     """
     rounds, base, omitted = list(rounds), rounds[0].base, list[Omission]()
-    for more in reversed(range(MAX_EFFECTS)):
+    for turn in itertools.count():  # each leaves one effect out, and only the first ones search for more
         accepted = rounds[: accepted_count(rounds, search)]
         named = [one.verdict.named for one in accepted if one.verdict.named is not None]
-        open_ones = _open_effects(rounds, len(accepted), base)
+        open_ones, reason = _open_effects(rounds, len(accepted), base), NOT_DETERMINED if len(named) > 1 else NO_SIZE
+        if not open_ones and named and lost_parameters(rounds[len(accepted)].base, base):
+            open_ones, reason = named[-1:], TAKES_PLACE
         if not open_ones:
             break
         outs = [open_ones[-1]] if named[-1] is open_ones[-1] else [open_ones[-1], named[-1]]
         left = [rounds_for([one for one in accepted if one.verdict.named is not out], search, base) for out in outs]
         best = int(np.argmin([_loss(one, search) for one in left]))
-        omitted.append(Omission.of(rounds, outs[best], NOT_DETERMINED if len(named) > 1 else NO_SIZE))
+        omitted.append(Omission.of(rounds, outs[best], reason))
         gone, (rounds, model, shrinkage) = outs[best].candidate.effect, left[best]
         search = attrs.evolve(search, effects=[one for one in search.effects if _may_follow(one, gone)])
-        if more >= MAX_EFFECTS - MAX_TURNS:
+        if turn < MAX_TURNS:
             forward_search(model, shrinkage, search, rounds)
         else:
             rounds.append(closing_round(model, shrinkage, search))
@@ -60,7 +64,8 @@ def determined_count(rounds: Sequence[SearchRound], count: int) -> int:
 
     Where a search is stopped before those that are not are left out, with the effects named after them.
     """
-    while count and _open_effects(rounds, count, rounds[0].base):
+    base = rounds[0].base
+    while count and (_open_effects(rounds, count, base) or lost_parameters(rounds[count].base, base)):
         count -= 1
     return count
 
