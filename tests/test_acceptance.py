@@ -96,3 +96,12 @@ def test_a_second_effect_carries_over_to_experiments_that_are_held_out(across, c
     for one, loss in zip(own, across, strict=True):
         one.experiment_losses = np.array([loss])
     assert accepted_count(own, several) == 2  # a size in each experiment cannot carry over
+
+
+@pytest.mark.parametrize("effects", [[HUM], [HUM, HUM], [HUM, ("drift", "")]])
+@pytest.mark.parametrize(("left", "accepted"), [(100.0, False), (20.0, True)])
+def test_effects_of_time_are_larger_than_the_slow_noise_that_they_leave(effects, left, accepted):
+    """What remains may all be slow noise, a hundred times the noise floor: beside it alone they would remove all."""
+    slow = SimpleNamespace(blocks=SEARCH.blocks, noise=NoiseLevel(1.0, 1.0, 1000.0))
+    losses = [128.0, *np.linspace(128.0, left, len(effects) + 1)[1:]]
+    assert (accepted_count(rounds(losses, effects), slow) == len(effects)) is accepted

@@ -46,8 +46,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     removed, or next to nothing beside that, and depend on the motion where those before do, or on time. One that leaves
     noise only is accepted all the same where it is clearly significant and no second effect of the same name. Several
     further ones are accepted that together remove ``MIN_JOINT_SHARE`` of what remained, more than errors of form do.
-    Beside slow noise the first one may be a wandering of that, if it is one of time: what it leaves above the noise
-    floor counts as well, so that it has to be larger than the slow noise.
+    Beside slow noise the first one may be a wandering of that, if it is one of time, or several of time may be: what
+    they leave above the noise floor counts as well, so that they have to be larger than the slow noise.
 
     None are accepted that leave more than a candidate at a disqualifying bound would, and none beside others that make
     the error of experiments larger that are held out whole.
@@ -62,7 +62,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
         removed = losses[k - 1] - losses[k]
         share_of_rest = removed / max(losses[k - 1] - noise, 1e-12)
         above_floor = losses[k - 1] - (min(noise, FLOOR) if _is_of_time(rounds[k - 1]) else noise)
-        joint_share = (before - losses[k]) / max(before - noise, 1e-12)
+        slow = min(noise, FLOOR) if all(map(_is_of_time, rounds[:k])) else noise
+        joint_share = (before - losses[k]) / max(before - slow, 1e-12)
         share_so_far = (before - losses[count]) / max(before - noise, 1e-12) if count else 0.0
         large = removed >= noise
         if share_so_far < MIN_EXCESS_SHARE:

@@ -292,10 +292,10 @@ def _in_doubt(segment: Segment) -> str:
     """A sentence on parameters that were fitted far from the diagram's, beside a large error that is left."""
     if not segment.in_doubt:
         return ""
-    verb, them = ("was", "it compensates") if len(segment.in_doubt) == 1 else ("were", "they compensate")
+    verb, them = ("was", "it") if len(segment.in_doubt) == 1 else ("were", "they")
     return (
-        f" Beside this error, {listed(segment.in_doubt, 4)} {verb} fitted far from the diagram: {them} for what is "
-        "missing, and so may the sizes reported."
+        f" Beside this error, {listed(segment.in_doubt, 4)} {verb} fitted far from the diagram: unless the diagram's own "
+        f"value was a guess, {them} may compensate for what is missing, and so may the sizes reported."
     )
 
 
