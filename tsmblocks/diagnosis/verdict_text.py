@@ -292,10 +292,11 @@ def _in_doubt(segment: Segment) -> str:
     """A sentence on parameters that were fitted far from the diagram's, beside a large error that is left."""
     if not segment.in_doubt:
         return ""
-    verb, them = ("was", "it") if len(segment.in_doubt) == 1 else ("were", "they")
+    one = ("was", "it", "its value there was a guess")
+    verb, them, guess = one if len(segment.in_doubt) == 1 else ("were", "they", "their values there were guesses")
     return (
-        f" Beside this error, {listed(segment.in_doubt, 4)} {verb} fitted far from the diagram: unless the diagram's own "
-        f"value was a guess, {them} may compensate for what is missing, and so may the sizes reported."
+        f" Beside this error, {listed(segment.in_doubt, 4)} {verb} fitted far from the diagram: unless {guess}, "
+        f"{them} may compensate for what is missing, and so may the sizes reported."
     )
 
 

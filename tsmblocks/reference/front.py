@@ -18,8 +18,8 @@ def pages() -> dict[str, str]:
     """The first page."""
     words = (
         "Block diagrams in Python for mechanisms with friction, backlash and hysteresis: assemble a model and its "
-        "controller from blocks, run it compiled at a fixed step, fit it to recordings, find effects that it lacks, "
-        "compensate them."
+        "controller from blocks, run it compiled at a fixed step, fit it to recordings, find the effects that it "
+        "lacks, and compensate for them."
     )
     index = rst.page(
         rst.heading("tsmblocks"),
