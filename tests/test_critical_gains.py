@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import attrs
 import numpy as np
 import pytest
 
@@ -10,8 +11,13 @@ from tsmblocks.diagnosis.critical_gains import critical_gains, critical_multipli
 TOTAL = 1000.0
 
 
-class Score(SimpleNamespace):
-    __hash__ = object.__hash__
+@attrs.frozen(eq=False)
+class Score:
+    candidate: SimpleNamespace
+    noise_gains: np.ndarray
+    squares: float
+    noise_squares: float
+    slow_part: tuple[float, float] | None
 
 
 def score(seed, family="map", scale=1.0, shapes=1):
@@ -22,6 +28,7 @@ def score(seed, family="map", scale=1.0, shapes=1):
         noise_gains=gains,
         squares=TOTAL,
         noise_squares=TOTAL,
+        slow_part=None,
     )
 
 
@@ -56,3 +63,17 @@ def test_a_candidate_of_many_shapes_does_not_hide_one_of_few():
 def test_effects_of_time_are_a_family_of_their_own():
     plain, slow = score(1), score(2, "time", scale=50.0)
     assert limit(plain, [plain, slow]) == pytest.approx(limit(plain, [plain]))
+
+
+def test_a_slow_candidate_of_the_motion_is_judged_beside_the_slow_part_as_well():
+    """Of 1000, 40 are slow: noise explains up to a tenth of these, so that 30 stand out; beside the rest 30 do not."""
+    draw = np.random.default_rng(0)
+    plain = [score(k, scale=30.0) for k in range(20)]
+    slow = attrs.evolve(plain[0], noise_gains=draw.uniform(0, 4, 2000), slow_part=(40.0, 40.0))
+    every = [slow, *plain]
+    multiplicity = critical_multiplicity(every)
+    limits = critical_gains(every, multiplicity)
+    assert 3.8 <= limits[slow] < 30
+    whole = attrs.evolve(slow, slow_part=None)
+    assert limits[slow] <= critical_gains([whole, *plain], critical_multiplicity([whole, *plain]))[whole]
+    assert [limits[one] for one in plain] == [critical_gains(plain, multiplicity)[one] for one in plain]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
@@ -11,8 +12,9 @@ from tsmblocks.diagnosis.decision import SIGNIFICANCE_LEVEL
 from tsmblocks.diagnosis.oscillation import is_oscillation
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 
-MOTION, SLOW, OSCILLATION = "motion", "slow", "oscillation"
-"""Families of candidates, for each of which the level of significance holds."""
+MOTION, SLOW, OSCILLATION, SLOW_MOTION = "motion", "slow", "oscillation", "slow motion"
+"""Families of candidates, for each of which the level of significance holds; those of the motion that change the
+outputs slowly are judged beside the slow part of the residual as well."""
 LEVEL_OF_SLOW = 0.01
 """Probability that any slow function of time exceeds the critical gain by chance. Chosen: below that of others, since
 the slow part of a spectrum, which such effects resemble, is known from a few cycles only."""
@@ -38,11 +40,23 @@ def is_of_time(candidate: Candidate) -> bool:
 def critical_gains(scores: Sequence[ScreeningScore], multiplicity: Mapping[str, float]) -> dict[ScreeningScore, float]:
     """The gain [noise variances] of each candidate that any of them exceeds in noise alone with a probability of 5 %.
 
-    Of slow functions of time, 1 %. Gains count as they do in an F-test, gain over the rest. ``multiplicity`` is that of
-    ``critical_multiplicity``.
+    Of slow functions of time, and beside the slow part, 1 %. Gains count as they do in an F-test, gain over the rest.
+    ``multiplicity`` is that of ``critical_multiplicity``.
     """
-    limits = {one: multiplicity[family_of(one.candidate)] * _critical_alone(_ratios(one)) for one in scores}
-    return {one: one.squares * limit / (1 + limit) for one, limit in limits.items()}
+    limits = {one: _limit(one, multiplicity[family_of(one.candidate)]) for one in scores}
+    slow = {one: _limit(_slowly(one), multiplicity.get(SLOW_MOTION, 1.0)) for one in scores if one.slow_part}
+    return {one: min(limit, slow.get(one, np.inf)) for one, limit in limits.items()}
+
+
+def _limit(score: ScreeningScore, multiplicity: float) -> float:
+    limit = multiplicity * _critical_alone(_ratios(score))
+    return float(score.squares * limit / (1 + limit))
+
+
+def _slowly(score: ScreeningScore) -> ScreeningScore:
+    """The score of a candidate of the motion beside the slow part of the residual."""
+    squares, by_noise = score.slow_part or (score.squares, score.noise_squares)
+    return attrs.evolve(score, squares=squares, noise_squares=by_noise)
 
 
 def is_wandering(candidate: Candidate) -> bool:
@@ -60,17 +74,22 @@ def family_of(candidate: Candidate) -> str:
 def critical_multiplicity(scores: Sequence[ScreeningScore]) -> dict[str, float]:
     """How many times its own critical gain the best of all candidates of a family reaches in noise.
 
-    With a probability of 5 %, and of 1 % for slow functions of time; at least 1.
+    With a probability of 5 %, and of 1 % for slow functions of time and beside the slow part; at least 1.
 
     Gains count in what the candidate itself reaches in noise (95 %), so that one with many shapes, which follows any
     noise, does not hide one with few.
     Source: Westfall and Young, Resampling-Based Multiple Testing (1993), on balanced tests.
     """
     result = {}
-    for name in (MOTION, SLOW, OSCILLATION):
-        family = [_ratios(one) for one in scores if family_of(one.candidate) == name]
-        largest = np.max([one / _critical_alone(one) for one in family], axis=0) if family else np.ones(1)
-        result[name] = max(_critical_alone(largest, LEVEL_OF_SLOW if name == SLOW else SIGNIFICANCE_LEVEL), 1.0)
+    families = {
+        name: [one for one in scores if family_of(one.candidate) == name] for name in (MOTION, SLOW, OSCILLATION)
+    }
+    families[SLOW_MOTION] = [_slowly(one) for one in scores if one.slow_part]
+    for name, some in families.items():
+        ratios = [_ratios(one) for one in some]
+        largest = np.max([one / _critical_alone(one) for one in ratios], axis=0) if ratios else np.ones(1)
+        level = LEVEL_OF_SLOW if name in (SLOW, SLOW_MOTION) else SIGNIFICANCE_LEVEL
+        result[name] = max(_critical_alone(largest, level), 1.0)
     return result
 
 

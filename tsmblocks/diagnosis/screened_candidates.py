@@ -9,12 +9,11 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
-from tsmblocks.diagnosis.critical_gains import is_of_time
+from tsmblocks.diagnosis.critical_gains import MOTION, SLOW, family_of, is_of_time
 from tsmblocks.diagnosis.decision import Shrinkage
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.oscillation import is_oscillation
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.diagnosis.screening_score import ScreeningScore
@@ -66,8 +65,10 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
         search.progress("tried", k, len(every))
         own = noise[is_of_time(one)]
         score = screening_score(one, model, search.records, search.settings, wires, base, own)
-        squares = slow[is_of_time(one)] if score.is_slow and not is_oscillation(one) else (whole, whole)
-        scores.append(attrs.evolve(score, squares=squares[0], noise_squares=squares[1]))
+        own_slow, family = slow[is_of_time(one)] if score.is_slow else None, family_of(one)
+        squares, by_noise = own_slow if own_slow and family == SLOW else (whole, whole)
+        part = own_slow if family == MOTION else None
+        scores.append(attrs.evolve(score, squares=squares, noise_squares=by_noise, slow_part=part))
     return sorted(scores, key=lambda one: -one.gain)
 
 

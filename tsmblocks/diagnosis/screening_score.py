@@ -47,7 +47,8 @@ class ScreeningScore:
     ``starts`` are the starting points of its fit, best first. ``noise_gains`` (D,) are the gains in surrogates of the
     residual, which hold noise alone. ``shapes`` are those that were tried. ``is_slow`` is True where its change of the
     outputs is. Gains count beside ``squares``, the sum of squares of the residual, and ``noise_squares`` (D,) of the
-    surrogates: all of it, or the slow part. ``by_size`` is what the size gains beyond initial states that are free.
+    surrogates: all of it, or the slow part. ``slow_part`` are these of the slow part, where a candidate of the
+    motion is slow. ``by_size`` is what the size gains beyond initial states that are free.
     """
 
     candidate: Candidate
@@ -61,6 +62,7 @@ class ScreeningScore:
     by_size: SizeBeyondStates | None = None
     squares: float = 1.0
     noise_squares: np.ndarray | float = 1.0
+    slow_part: tuple[float, np.ndarray] | None = None
 
     def limits(self, detectable: float) -> list[SizeLimit]:
         """The sizes that change the sum of squares by ``detectable``, one for each shape, the smallest first.
