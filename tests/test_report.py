@@ -166,7 +166,7 @@ def test_the_verdict_unknown_says_where_it_is_and_how_little_is_explained():
     assert verdict_text.verdict_sentence(UNKNOWN) == (
         "Unmodelled effect between x_in and x_out that the one effect tried does not explain: the best, dead_time, "
         "removes 24 % of the variance above the noise floor. The error of x_out on held-out data is 0.520 deg rms, its "
-        "noise floor 0.100. Of the variance above the noise floor, 94 % is predicted from the recorded signals on held-out data."
+        "noise floor 0.100. Of the variance above the noise floor, 93 % is predicted from the recorded signals on held-out data."
     )
 
 
@@ -181,7 +181,7 @@ def test_the_verdict_none_says_how_close_the_noise_is():
 
 def test_no_coordinate_is_reported_when_none_predicts_the_residual():
     said = verdict_text.verdict_sentence(attrs.evolve(UNKNOWN, where=()))
-    assert said.endswith("94 % is predicted from the recorded signals on held-out data.")
+    assert said.endswith("93 % is predicted from the recorded signals on held-out data.")
 
 
 def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():

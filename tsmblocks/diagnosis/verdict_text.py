@@ -160,8 +160,9 @@ def _shape(segment: Segment) -> str:
         if max(fitted, default=0.0) > LARGE_SHARE:  # one that could not be named does predict it
             return "The residual is too large for noise."
         return f"The residual is irregular: {UNPREDICTED}, and it is too large for noise."
-    whole = (1 + segment.excess) / segment.excess if segment.excess > 0 else 1.0  # in the noise and what is above it
-    share = percent(min(segment.predictable[1] * whole, 1.0))
+    gap = worst_gap(segment)
+    above = 1 - min(gap.noise_floor / gap.held_out[0], 1.0) ** 2 if gap.held_out[0] > 0 else 1.0
+    share = percent(min(segment.predictable[1] / max(above, 1e-9), 1.0))
     return f"Of the variance above the noise floor, {share} is predicted from the recorded signals on held-out data."
 
 
