@@ -182,14 +182,14 @@ def decide(
     largest_difference = max(DISTINGUISHABLE_GAIN_SHARE * removed, INDISTINGUISHABLE_NOISE_SHARE * noise_variance)
     tolerance = max(INDISTINGUISHABLE_NOISE_SHARE * noise_variance, INDISTINGUISHABLE_GAIN_SHARE * removed)
     most = min(best.loss + largest_difference, MAX_LOSS_RATIO * max(best.loss, noise_variance))
-    eligible = [one for one in ranking if one.tenable and not one.disqualifying_bounds and one.loss < most]
+    eligible = [one for one in ranking if not one.disqualifying_bounds and one.loss < most]
     indistinguishable = [
         one for one in eligible if _is_indistinguishable(one, best, blocks, tolerance, concentrated_size)
     ]
     close = [
         one
         for one in indistinguishable
-        if one.loss >= best.loss and before - one.loss >= SIMPLER_EFFECT_SHARE * removed
+        if one.tenable and one.loss >= best.loss and before - one.loss >= SIMPLER_EFFECT_SHARE * removed
     ]
     named = _simplest(min(close, key=_order_of_naming), [one for one in ranking if one.loss < most], before)
     named = at_best_place(named, close)
