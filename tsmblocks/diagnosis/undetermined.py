@@ -24,6 +24,9 @@ from tsmblocks.effects import Effect, Relative
 MAX_TURNS = 2
 """Times that the search continues without an effect that was left out. Chosen: for the run time."""
 
+SEVERAL = 2
+"""Effects from which the last one may take the place of the model. Definition."""
+
 LeftOut = tuple[list[SearchRound], Model, Shrinkage]
 """The rounds of the effects that stay, the model with them, and their shrinkage."""
 
@@ -34,15 +37,15 @@ def without_undetermined(
     """Rounds in which every accepted effect is determined beside all the others, and those that were left out.
 
     One that is not is left out, or the one that was named last and made it so, whichever leaves less; so is the last
-    one where parameters of the base are not determined any more. The search then continues without its name: the next
-    best candidate is tried, which may be a simpler variant of the same effect.
+    of several where parameters of the base are not determined any more. The search then continues without its name:
+    the next best candidate is tried, which may be a simpler variant of the same effect.
     """
     rounds, base, omitted = list(rounds), rounds[0].base, list[Omission]()
     for turn in itertools.count():  # each leaves one effect out, and only the first ones search for more
         accepted = rounds[: accepted_count(rounds, search)]
         named = [one.verdict.named for one in accepted if one.verdict.named is not None]
         open_ones, reason = _open_effects(rounds, len(accepted), base), NOT_DETERMINED if len(named) > 1 else NO_SIZE
-        if not open_ones and named and lost_parameters(rounds[len(accepted)].base, base):
+        if not open_ones and _loses_the_model(rounds, len(accepted)):
             open_ones, reason = named[-1:], TAKES_PLACE
         if not open_ones:
             break
@@ -65,9 +68,20 @@ def determined_count(rounds: Sequence[SearchRound], count: int) -> int:
     Where a search is stopped before those that are not are left out, with the effects named after them.
     """
     base = rounds[0].base
-    while count and (_open_effects(rounds, count, base) or lost_parameters(rounds[count].base, base)):
+    while count and (_open_effects(rounds, count, base) or _loses_the_model(rounds, count)):
         count -= 1
     return count
+
+
+def _loses_the_model(rounds: Sequence[SearchRound], count: int) -> bool:
+    """Whether parameters of the base are not determined beside ``count`` effects that are beside the first alone.
+
+    One effect may take the place of a part of the base, as a gap does of a loop of another shape.
+    """
+    if count < SEVERAL:
+        return False
+    first, last = (lost_parameters(rounds[k].base, rounds[0].base) for k in (1, count))
+    return not set(last) <= set(first)
 
 
 def _open_effects(rounds: Sequence[SearchRound], count: int, base: Model) -> list[FittedCandidate]:
