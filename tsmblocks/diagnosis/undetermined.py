@@ -74,14 +74,11 @@ def determined_count(rounds: Sequence[SearchRound], count: int) -> int:
 
 
 def _loses_the_model(rounds: Sequence[SearchRound], count: int) -> bool:
-    """Whether parameters of the base are not determined beside ``count`` effects that are beside the first alone.
+    """Whether parameters of the base are not determined beside several effects, ``count`` of them.
 
     One effect may take the place of a part of the base, as a gap does of a loop of another shape.
     """
-    if count < SEVERAL:
-        return False
-    first, last = (lost_parameters(rounds[k].base, rounds[0].base) for k in (1, count))
-    return not set(last) <= set(first)
+    return count >= SEVERAL and bool(lost_parameters(rounds[count].base, rounds[0].base))
 
 
 def _open_effects(rounds: Sequence[SearchRound], count: int, base: Model) -> list[FittedCandidate]:
