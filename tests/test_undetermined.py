@@ -71,7 +71,7 @@ def test_a_parameter_is_lost_where_its_interval_is_much_wider_and_includes_zero(
     )
     known = {id(base): [0.1], id(model): [spread, 0.2]}
     monkeypatch.setattr(
-        determined, "uncertainty_of_effects", lambda one, _: SimpleNamespace(covariance=np.diag(known[id(one)]) ** 2)
+        determined, "uncertainty_of_effects", lambda one, _: SimpleNamespace(errors=np.array(known[id(one)]))
     )
     assert determined.lost_parameters(model, base) == ["lag.gain"] * lost
 

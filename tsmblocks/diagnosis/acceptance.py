@@ -61,9 +61,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             continue
         removed = losses[k - 1] - losses[k]
         share_of_rest = removed / max(losses[k - 1] - noise, 1e-12)
-        above_floor = losses[k - 1] - (min(noise, FLOOR) if _is_of_time(rounds[k - 1]) else noise)
-        slow = min(noise, FLOOR) if all(map(_is_of_time, rounds[:k])) else noise
-        joint_share = (before - losses[k]) / max(before - slow, 1e-12)
+        above_floor = losses[k - 1] - _noise_beside(rounds[k - 1 : k], noise)
+        joint_share = (before - losses[k]) / max(before - _noise_beside(rounds[:k], noise), 1e-12)
         share_so_far = (before - losses[count]) / max(before - noise, 1e-12) if count else 0.0
         large = removed >= noise
         if share_so_far < MIN_EXCESS_SHARE:
@@ -81,6 +80,11 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
             material = together >= MIN_SHARE_OF_REMOVED * (before - losses[k])
             count = k if material and together >= MIN_JOINT_SHARE * (losses[count] - noise) else count
     return count
+
+
+def _noise_beside(rounds: Sequence[SearchRound], noise: float) -> float:
+    """The mean square of the noise beside which the effects of rounds count: the floor where all are of time."""
+    return min(noise, FLOOR) if all(map(_is_of_time, rounds)) else noise
 
 
 def _carries_over(rounds: Sequence[SearchRound], before: int, after: int, search: SearchContext) -> bool:

@@ -44,7 +44,7 @@ def critical_gains(scores: Sequence[ScreeningScore], multiplicity: Mapping[str, 
     ``multiplicity`` is that of ``critical_multiplicity``.
     """
     limits = {one: _limit(one, multiplicity[family_of(one.candidate)]) for one in scores}
-    slow = {one: _limit(_slowly(one), multiplicity.get(SLOW_MOTION, 1.0)) for one in scores if one.slow_part}
+    slow = {one: _limit(part, multiplicity[SLOW_MOTION]) for one, part in _slow_parts(scores).items()}
     return {one: min(limit, slow.get(one, np.inf)) for one, limit in limits.items()}
 
 
@@ -53,10 +53,13 @@ def _limit(score: ScreeningScore, multiplicity: float) -> float:
     return float(score.squares * limit / (1 + limit))
 
 
-def _slowly(score: ScreeningScore) -> ScreeningScore:
-    """The score of a candidate of the motion beside the slow part of the residual."""
-    squares, by_noise = score.slow_part or (score.squares, score.noise_squares)
-    return attrs.evolve(score, squares=squares, noise_squares=by_noise)
+def _slow_parts(scores: Sequence[ScreeningScore]) -> dict[ScreeningScore, ScreeningScore]:
+    """The scores of slow candidates of the motion, and what they are beside the slow part of the residual."""
+    return {
+        one: attrs.evolve(one, squares=one.slow_part[0], noise_squares=one.slow_part[1])
+        for one in scores
+        if one.slow_part is not None
+    }
 
 
 def is_wandering(candidate: Candidate) -> bool:
@@ -84,7 +87,7 @@ def critical_multiplicity(scores: Sequence[ScreeningScore]) -> dict[str, float]:
     families = {
         name: [one for one in scores if family_of(one.candidate) == name] for name in (MOTION, SLOW, OSCILLATION)
     }
-    families[SLOW_MOTION] = [_slowly(one) for one in scores if one.slow_part]
+    families[SLOW_MOTION] = list(_slow_parts(scores).values())
     for name, some in families.items():
         ratios = [_ratios(one) for one in some]
         largest = np.max([one / _critical_alone(one) for one in ratios], axis=0) if ratios else np.ones(1)

@@ -93,9 +93,9 @@ def lost_parameters(model: Model, base: Model) -> list[str]:
     Their intervals are many times as wide as without the effects, and wider than their values: the effects do not add
     to the base then, but take its place. One that goes to zero since an effect explains more than it keeps its width.
     """
-    spreads = [np.sqrt(np.diag(uncertainty_of_effects(one, base).covariance)) for one in (base, model)]
     before, after = (
-        dict(zip(m.problem.unknowns.names, s, strict=True)) for m, s in zip((base, model), spreads, strict=True)
+        dict(zip(one.problem.unknowns.names, uncertainty_of_effects(one, base).errors, strict=True))
+        for one in (base, model)
     )
     known = dict(zip(model.problem.unknowns.names, model.theta, strict=True))
     return [

@@ -12,7 +12,7 @@ from tsmblocks.diagnosis.insertion_points import is_speed
 from tsmblocks.diagnosis.limits import NO_PLACE, NOT_EXCITED
 from tsmblocks.diagnosis.segment import Gap, Segment
 from tsmblocks.diagnosis.shift_in_time import COEFFICIENT, SHIFT_IN_TIME
-from tsmblocks.diagnosis.verdict_text import slow_noise
+from tsmblocks.diagnosis.verdict_text import percent, slow_noise
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.maps import RIPPLE
 from tsmblocks.effects.sizes import MILLISECONDS
@@ -133,7 +133,7 @@ def _check_time_stamps(segment: Segment) -> list[str]:
     way, cause = ("leads", "too long") if shift > 0 else ("lags behind", "missing or too short")
     return [
         f"Check the time stamps, and the delays of the diagram: {signal} {way} the model by about "
-        f"{by} ({100 * best.share:.0f} % of the variance above the noise floor), as where channels are not sampled at "
+        f"{by} ({percent(best.share)} of the variance above the noise floor), as where channels are not sampled at "
         f"one instant, or a delay or a lag of the diagram is {cause}."
     ]
 

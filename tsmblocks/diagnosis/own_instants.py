@@ -74,7 +74,7 @@ class Products:
     def _gains(self, g: np.ndarray) -> np.ndarray:
         """Falls of the sum of squares (S, D) for products ``g`` (S, k, D)."""
         m = self.whole - np.einsum("qsi,qsj->sij", self.inside, self.inside, optimize=True)
-        return np.einsum("skd,skd->sd", g, np.linalg.solve(regular(m, self.whole), g))
+        return falls(regular(m, self.whole), g)
 
 
 def noise_gains(every: Sequence[Products]) -> np.ndarray:
@@ -90,6 +90,13 @@ def noise_gains(every: Sequence[Products]) -> np.ndarray:
             whole[e * k : (e + 1) * k, e * k : (e + 1) * k] = one.whole[own[d]]
         gains[d] = g @ np.linalg.solve(regular(whole - inside.T @ inside, whole), g)
     return gains
+
+
+def falls(m: np.ndarray, g: np.ndarray) -> np.ndarray:
+    """Falls of the sum of squares (..., D), for products of changes with residuals, ``g`` (..., k, D), and with each
+    other, ``m`` (..., k, k).
+    """
+    return np.asarray(np.einsum("...kd,...kd->...d", g, np.linalg.solve(m, g)))
 
 
 def regular(m: np.ndarray, whole: np.ndarray) -> np.ndarray:

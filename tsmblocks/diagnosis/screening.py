@@ -13,7 +13,7 @@ import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate, WireSignals
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
-from tsmblocks.diagnosis.own_instants import Products, for_each, joined, moved, noise_gains, regular
+from tsmblocks.diagnosis.own_instants import Products, falls, for_each, joined, moved, noise_gains, regular
 from tsmblocks.diagnosis.screening_score import MAX_SIZE_FACTOR, ScreeningScore, ShapeSensitivity
 from tsmblocks.diagnosis.size_beyond_states import MAX_VALUES, SizeBeyondStates, size_beyond_states
 from tsmblocks.diagnosis.slow_sums import is_slow
@@ -251,7 +251,7 @@ class _Screening:
 
     def _noise_gains(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
         """Gains (D,) of a shape with any size in surrogates, with products ``g`` (D, k) and ``m`` (k, k)."""
-        gains = np.einsum("ij,ji->i", g, np.linalg.solve(m, g.T))
+        gains = falls(m, g.T)
         one_way = not self.candidate.trials.strengths  # the size is part of the shape, and positive
         return np.where(g[:, 0] < 0, gains, 0.0) if one_way else gains
 

@@ -1,7 +1,7 @@
 """What a candidate gains by its size, beyond what its states gain that may begin anywhere.
 
 The fit of a memory chooses where it begins in each experiment. What fades from there follows slow noise, whatever the
-size of the effect: only what the size gains besides tells of the effect.
+size of the effect: only what the size gains beyond that is evidence of it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.own_instants import regular
+from tsmblocks.diagnosis.own_instants import falls, regular
 from tsmblocks.fitting.column_space import ColumnSpace
 
 MAX_VALUES = 20_000_000
@@ -49,10 +49,5 @@ def size_beyond_states(
     g[:, 0] = columns.T @ r - inside.T @ base.basis.transposed_times(r)
     g[:, 1:] = columns.astype(noise.dtype).T @ noise
     m = regular(whole - inside.T @ inside, whole)
-    gains = _gains(m, g) - _gains(m[:first, :first], g[:first])
+    gains = falls(m, g) - falls(m[:first, :first], g[:first])
     return SizeBeyondStates(float(gains[0]), gains[1:])
-
-
-def _gains(m: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """Falls of the sum of squares (D,) for products ``g`` (k, D) and ``m`` (k, k)."""
-    return np.einsum("kd,kd->d", g, np.linalg.solve(m, g))

@@ -24,9 +24,6 @@ from tsmblocks.effects import Effect, Relative
 MAX_TURNS = 2
 """Times that the search continues without an effect that was left out. Chosen: for the run time."""
 
-SEVERAL = 2
-"""Effects from which the last one may take the place of the model. Definition."""
-
 LeftOut = tuple[list[SearchRound], Model, Shrinkage]
 """The rounds of the effects that stay, the model with them, and their shrinkage."""
 
@@ -78,7 +75,7 @@ def _loses_the_model(rounds: Sequence[SearchRound], count: int) -> bool:
 
     One effect may take the place of a part of the base, as a gap does of a loop of another shape.
     """
-    return count >= SEVERAL and bool(lost_parameters(rounds[count].base, rounds[0].base))
+    return count > 1 and bool(lost_parameters(rounds[count].base, rounds[0].base))
 
 
 def _open_effects(rounds: Sequence[SearchRound], count: int, base: Model) -> list[FittedCandidate]:

@@ -161,8 +161,7 @@ def _shape(segment: Segment) -> str:
             return "The residual is too large for noise."
         return f"The residual is irregular: {UNPREDICTED}, and it is too large for noise."
     gap = worst_gap(segment)
-    above = 1 - min(gap.noise_floor / gap.held_out[0], 1.0) ** 2 if gap.held_out[0] > 0 else 1.0
-    share = percent(min(segment.predictable[1] / max(above, 1e-9), 1.0))
+    share = percent(min(segment.predictable[1] * gap.held_out[0] ** 2 / _variance_above_floor(gap), 1.0))
     return f"Of the variance above the noise floor, {share} is predicted from the recorded signals on held-out data."
 
 
@@ -229,8 +228,12 @@ def _reduction(segment: Segment) -> str:
 
 def _share_removed(gap: Gap) -> float:
     """The share of the variance of an output above its noise floor that the effects remove, on held-out data."""
-    before, after = gap.held_out[0] ** 2, gap.held_out[-1] ** 2
-    return min((before - after) / max(before - gap.noise_floor**2, 1e-300), 1.0)
+    return min((gap.held_out[0] ** 2 - gap.held_out[-1] ** 2) / _variance_above_floor(gap), 1.0)
+
+
+def _variance_above_floor(gap: Gap) -> float:
+    """The variance of the base's error, on held-out data, above the noise floor."""
+    return max(gap.held_out[0] ** 2 - gap.noise_floor**2, 1e-300)
 
 
 def _other_outputs(segment: Segment, reported: Gap) -> str:
