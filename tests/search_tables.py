@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from tsmblocks.diagnosis import exchange, forward_selection
+from tsmblocks.diagnosis import exchange, forward_selection, next_base
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import Verdict
@@ -69,11 +69,11 @@ def search_of(table, monkeypatch):
     """The context of a search on a table, in which models are sets of names."""
     for module in (exchange, forward_selection):
         monkeypatch.setattr(module, "search_round", table.search_round)
-    monkeypatch.setattr(forward_selection, "nearest", lambda model: model)
-    monkeypatch.setattr(forward_selection, "_at_optimum", lambda model, settings: model)
+    monkeypatch.setattr(next_base, "at_optimum", lambda model, settings: model)
+    monkeypatch.setattr(forward_selection, "form_at_finer_step", lambda *_: None)
     monkeypatch.setattr(forward_selection, "better_base", lambda *_: None)
     monkeypatch.setattr(exchange, "_with_all", lambda found, after: found)
-    monkeypatch.setattr(forward_selection, "shrinkage_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
+    monkeypatch.setattr(next_base, "shrinkage_of", lambda candidate: {candidate.effect.name: (0.0, 1.0)})
     return SearchContext({}, None, table.effects, ONE, NoiseLevel(1.0, 1.0, 1.0), lambda *_: None)
 
 

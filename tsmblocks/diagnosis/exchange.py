@@ -15,8 +15,9 @@ from tsmblocks.diagnosis.decision import (
     mean_loss,
 )
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
-from tsmblocks.diagnosis.forward_selection import MAX_EFFECTS, forward_search, next_base, search_round
+from tsmblocks.diagnosis.forward_selection import MAX_EFFECTS, forward_search, search_round
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.next_base import next_base
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.effects import Effect, Relative
 

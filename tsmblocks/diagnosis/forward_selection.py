@@ -20,17 +20,16 @@ from tsmblocks.diagnosis.decision import (
     held_out_losses,
     mean_loss,
     noise_beside,
-    shrinkage_of,
 )
 from tsmblocks.diagnosis.evidence import evidence
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
+from tsmblocks.diagnosis.forms_at_finer_step import form_at_finer_step, with_form
 from tsmblocks.diagnosis.general_forms import generalized
-from tsmblocks.diagnosis.initial_states import refine_memories
-from tsmblocks.diagnosis.model import Model, ModelSettings, converged, nearest, with_accurate_step, with_sufficient_step
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.next_base import next_base
 from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.oscillation import comes_back_with_motion, follows_motion, is_oscillation, repeats_another
 from tsmblocks.diagnosis.own_parameters import at_own_parameters, is_rough
-from tsmblocks.diagnosis.partition import ROUGH_ERROR
 from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, with_memories
 from tsmblocks.diagnosis.screened_candidates import chosen_candidates, screened_candidates
 from tsmblocks.diagnosis.screening_score import ScreeningScore
@@ -42,11 +41,6 @@ from tsmblocks.diagnosis.time_and_distance import with_distances_first
 
 MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
-LEAST_IMPROVEMENT = 0.9
-"""Mean square after an optimisation beside a rough residual over that before, up to which it is repeated. Chosen: dry
-friction has many small steps downhill. Near the noise a fall by one variance of the residual counts."""
-NEAR_NOISE = 4.0
-"""Mean square [noise variances] up to which a residual is near the noise. Chosen: an error of twice the noise."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
 MIN_GAIN_BESIDE_MOTION = 2.0
@@ -102,7 +96,7 @@ def _why_noise(
         yield "random noise of its spectrum is reduced as much"
     if new and is_wandering(score.candidate) and not explains_slowest(fitted, base):
         yield "what it leaves wanders more"
-    if score.by_size is not None and score.by_size.is_noise:
+    if score.states_alone_explain():
         yield "its initial states alone explain as much"
 
 
@@ -163,6 +157,9 @@ def forward_search(model: Model, shrinkage: Shrinkage, search: SearchContext, ro
         before, named = shrinkage, one.verdict.named
         try:
             model, shrinkage = next_base(named, shrinkage, search.settings)
+            if (form := form_at_finer_step(one, model, before, search)) is not None:
+                rounds[-1] = with_form(one, form)
+                model, shrinkage = next_base(form, before, search.settings)
         except KeyboardInterrupt:
             rounds.append(SearchRound(named.model, named.losses, named.experiment_losses, (), Verdict()))
             raise
@@ -181,27 +178,3 @@ def _next_round(model: Model, shrinkage: Shrinkage, search: SearchContext, round
         if rounds:
             rounds.append(SearchRound(model, *held_out_losses(model, search.blocks, shrinkage), (), Verdict()))
         raise
-
-
-def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:
-    """The base of the next round, and the shrinkage of the effects in it."""
-    return nearest(_at_optimum(named.model, settings)), {**shrinkage, **shrinkage_of(named.candidate)}
-
-
-def _at_optimum(model: Model, settings: ModelSettings) -> Model:
-    """The model optimised at a sufficient step, again while that helps where its residual is rough or near the noise.
-
-    Near the noise memories that moved open further descents.
-    """
-    error = float("inf")
-    while model.mean_square < _enough(model, error) * error:
-        error = model.mean_square
-        model = refine_memories(with_accurate_step(with_sufficient_step(converged(model), settings), settings))
-        if NEAR_NOISE < error <= ROUGH_ERROR:
-            break
-    return model
-
-
-def _enough(model: Model, error: float) -> float:
-    """The mean square over that before, ``error``, up to which an optimisation is repeated."""
-    return 1 - 1 / len(model.r) if error <= NEAR_NOISE else LEAST_IMPROVEMENT

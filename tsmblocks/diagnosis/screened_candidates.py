@@ -17,6 +17,7 @@ from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.diagnosis.screening_score import ScreeningScore
+from tsmblocks.diagnosis.screening_step import screening_model
 from tsmblocks.diagnosis.search_rounds import SearchContext
 from tsmblocks.diagnosis.slow_sums import slow_sums
 from tsmblocks.diagnosis.surrogates import surrogates
@@ -54,7 +55,7 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
     wires = wire_signals(model, [*points, *replaced])
     base = column_space(model.J, SQUARED_EFFECT_TOLERANCE)
     every = [*candidates(model, effects, wires, points), *replacement_candidates(model, wires, replaced)]
-    scores = []
+    scores, screened = [], screening_model(model)
     noise = {
         of_time: surrogates(model, base, SURROGATES, search.settings.seed, of_time=of_time)
         for of_time in {is_of_time(one) for one in every}
@@ -64,7 +65,7 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
     for k, one in enumerate(every):
         search.progress("tried", k, len(every))
         own = noise[is_of_time(one)]
-        score = screening_score(one, model, search.records, search.settings, wires, base, own)
+        score = screening_score(one, model, search.records, search.settings, wires, base, own, screened)
         own_slow, family = slow[is_of_time(one)] if score.is_slow else None, family_of(one)
         squares, by_noise = own_slow if own_slow and family == SLOW else (whole, whole)
         part = own_slow if family == MOTION else None

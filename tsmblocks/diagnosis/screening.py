@@ -15,22 +15,17 @@ from tsmblocks.diagnosis.candidates import Candidate, WireSignals
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
 from tsmblocks.diagnosis.own_instants import Products, falls, for_each, joined, moved, noise_gains, regular
 from tsmblocks.diagnosis.screening_score import MAX_SIZE_FACTOR, ScreeningScore, ShapeSensitivity
-from tsmblocks.diagnosis.size_beyond_states import MAX_VALUES, SizeBeyondStates, size_beyond_states
+from tsmblocks.diagnosis.shape_trial import ShapeTrial, fit_starts
+from tsmblocks.diagnosis.size_beyond_states import MAX_VALUES, size_beyond_states
 from tsmblocks.diagnosis.slow_sums import is_slow
 from tsmblocks.fitting.column_space import ColumnSpace
-from tsmblocks.fitting.inner_products import product, square
+from tsmblocks.fitting.inner_products import product
 from tsmblocks.fitting.residuals import Problem
 
 REFINEMENT_SHAPES = 12
 """Shapes tried on each side of the best one in a refinement of the grid. Chosen."""
 REFINEMENT_ROUNDS = 3
 """Refinements of the grid. Chosen: each narrows it to a thirteenth, so three reach the samples."""
-PINNING_WIDTHS = 10.0
-"""Half width [transition times] of the bounds of a refined instant in its fit. Chosen: derivatives lead no farther."""
-SECOND_START_TRIALS = 8
-"""Next best shapes among which a second starting point is selected. Chosen."""
-MAX_SQUARED_CORRELATION = 0.8
-"""Squared correlation of two output changes below which two shapes are different starting points. Chosen."""
 DIVERGENCE_THRESHOLD = 1e30
 """Change of an output [rms noise] from which a simulation has diverged. Chosen: far from both data and overflow."""
 MIN_SENSITIVITY = 1e-4
@@ -43,28 +38,6 @@ MAX_EXTRAPOLATION = 4.0
 """The same for effects whose size is part of the shape. Chosen: the distance of neighbouring shapes."""
 
 
-@attrs.frozen(eq=False)
-class _ShapeTrial:
-    """One shape: the predicted fall of the sum of squares, and the unknowns there.
-
-    ``output_change`` (N,) is the change of the outputs, ``sensitivity`` its sum of squares at the trial size with base
-    parameters projected out, zero where these absorb it. ``exceeds_range`` is True where the trial size moves an output
-    beyond its recorded range, as a loop does that diverges. ``theta_base_fixed`` are the unknowns with the base
-    parameters unchanged, ``absorbed_by`` the moves of those that absorb it; ``noise_gains`` (D,) the gains in
-    surrogates of the residual, where these were given.
-    """
-
-    gain: float
-    theta: np.ndarray
-    shape: Mapping[str, float]
-    output_change: np.ndarray
-    sensitivity: float
-    exceeds_range: bool
-    theta_base_fixed: np.ndarray
-    absorbed_by: Mapping[str, float] = attrs.field(factory=dict)
-    noise_gains: np.ndarray = attrs.field(factory=lambda: np.zeros(0))
-
-
 def screening_score(
     candidate: Candidate,
     model: Model,
@@ -73,30 +46,37 @@ def screening_score(
     wires: WireSignals,
     base: ColumnSpace,
     noise: np.ndarray,
+    screened: Model,
 ) -> ScreeningScore:
     """Simulate a candidate's shapes and sizes in one batch.
 
-    ``noise`` (N, D) are surrogates of the residual with the base projected out.
+    ``noise`` (N, D) are surrogates of the residual with the base projected out. ``screened`` is the model at the step
+    of screening; the fit of the candidate, which follows, has that of the ``model``.
     """
     trials, states = candidate.trials, candidate.initialised_states
     named = {f"{candidate.block}.{k}": pair for k, pair in trials.bounds.items()}
     bounds = {k: v for k, v in named.items() if settings.start_states or k in candidate.free}  # else fixed
     own = candidate.local
-    problem, setup = pose_extended(model, candidate.diagram, candidate.free, records, settings, bounds, states, own)
-    screening = _Screening(candidate, problem, model, base, _starting_values(problem, model, candidate, wires))
+    posed = candidate.diagram, candidate.free, records, settings, bounds, states, own
+    problem, setup = pose_extended(model, *posed)
+    simulated = problem if screened is model else pose_extended(screened, *posed)[0]
+    start = _starting_values(problem, model, candidate, wires)
+    screening = _Screening(candidate, simulated, model, base, start, screened.r)
     coarse, fine = screening.of_each_experiment(noise) if screening.owns_shapes else screening.of_all(noise)
     gains = np.max([one.noise_gains for one in coarse], axis=0)
-    by_size = screening.size_beyond_states(max(coarse, key=lambda one: one.gain), noise)
     shapes = tuple(ShapeSensitivity(one.shape, one.sensitivity, one.exceeds_range, one.absorbed_by) for one in coarse)
-    shape_trials = sorted(fine, key=lambda one: -one.gain)
-    best = shape_trials[0]
-    if trials.refine:
-        problem, starts = _with_narrow_bounds(problem, candidate, best), [best.theta]
-    else:
-        distinct = (one for one in shape_trials[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
-        starts = [_better_start(problem, one) for one in [best, *distinct][:2]]
+    best = max(fine, key=lambda one: one.gain)
+    fitted, starts = fit_starts(problem, candidate, fine, base)
     return ScreeningScore(
-        candidate, problem, setup, best.gain, tuple(starts), gains, shapes, is_slow(model, best.output_change), by_size
+        candidate,
+        fitted,
+        setup,
+        best.gain,
+        tuple(starts),
+        gains,
+        shapes,
+        is_slow(model, best.output_change),
+        functools.partial(screening.states_alone_explain, max(coarse, key=lambda one: one.gain), noise),
     )
 
 
@@ -116,13 +96,17 @@ def _starting_values(problem: Problem, model: Model, candidate: Candidate, wires
 
 @attrs.frozen(eq=False)
 class _Screening:
-    """A candidate with its problem, and the base to compare with."""
+    """A candidate with its problem, and the base to compare with.
+
+    ``unchanged`` (N,) are the residuals of the base at the step of ``problem``.
+    """
 
     candidate: Candidate
     problem: Problem
     model: Model
     base: ColumnSpace
     starting_values: np.ndarray
+    unchanged: np.ndarray
 
     @property
     def output_range(self) -> float:
@@ -148,7 +132,7 @@ class _Screening:
         """Whether each experiment has a separate shape."""
         return self.candidate.trials.refine in self.candidate.effect.local
 
-    def of_all(self, noise: np.ndarray) -> tuple[list[_ShapeTrial], list[_ShapeTrial]]:
+    def of_all(self, noise: np.ndarray) -> tuple[list[ShapeTrial], list[ShapeTrial]]:
         """Every shape, with gains in surrogates; and the best ones of finer and finer grids."""
         trials = self.candidate.trials
         found = coarse = self.evaluated(trials.shapes, noise)
@@ -157,7 +141,7 @@ class _Screening:
             found = sorted(found, key=lambda one: -one.gain)[: 2 * REFINEMENT_SHAPES]
         return coarse, found
 
-    def of_each_experiment(self, noise: np.ndarray) -> tuple[list[_ShapeTrial], list[_ShapeTrial]]:
+    def of_each_experiment(self, noise: np.ndarray) -> tuple[list[ShapeTrial], list[ShapeTrial]]:
         """The shape that has the best instant of each experiment, with gains in surrogates; and that of finer grids."""
         trials, names = self.candidate.trials, self.problem.unknowns.experiments
         shapes = [for_each(one, self.candidate.effect.local, names) for one in trials.shapes]
@@ -170,7 +154,7 @@ class _Screening:
             distance /= REFINEMENT_SHAPES + 1
         return [coarse], [found]
 
-    def _chosen(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> _ShapeTrial:
+    def _chosen(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> ShapeTrial:
         """The trial that has of each experiment the shape with the largest gain there."""
         strengths, names = self.candidate.trials.strengths, self.problem.unknowns.experiments
         sets = [self._unknowns_at({**shape, name: size}) for shape in shapes for name, size in strengths.items()]
@@ -184,7 +168,7 @@ class _Screening:
         (found,) = self._sized_trials([joined(shapes, best, names)], z.reshape(len(z), -1), None)
         return found if noise is None else attrs.evolve(found, noise_gains=noise_gains(products))
 
-    def evaluated(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> list[_ShapeTrial]:
+    def evaluated(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> list[ShapeTrial]:
         """Every shape with its optimum size, and with its gains in the surrogates ``noise`` (N, D)."""
         single = [{name: size} for name, size in self.candidate.trials.strengths.items()] or [{}]
         changes = self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
@@ -198,7 +182,7 @@ class _Screening:
 
     def _sized_trials(
         self, shapes: Sequence[Mapping[str, float]], changes: np.ndarray, noise: np.ndarray | None
-    ) -> list[_ShapeTrial]:
+    ) -> list[ShapeTrial]:
         """Every shape with its optimum size, by the changes (N, shapes times sizes) at its trial sizes."""
         count = changes.shape[1] // len(shapes)
         wide = np.ascontiguousarray(changes.T)
@@ -217,23 +201,23 @@ class _Screening:
             results.append(trial)
         return results
 
-    def size_beyond_states(self, one: _ShapeTrial, noise: np.ndarray) -> SizeBeyondStates | None:
-        """What the sizes of a shape gain beyond states that may begin anywhere; None where there are no such states."""
+    def states_alone_explain(self, one: ShapeTrial, noise: np.ndarray) -> bool:
+        """Whether the sizes of a shape gain no more than in noise, beyond its states that may begin anywhere."""
         places, strengths = self._places_of_states, self.candidate.trials.strengths
         values = len(places) * len(self.problem.unknowns.experiments) * self.problem.samples
         if not places or not strengths or values > MAX_VALUES:
-            return None
+            return False
         sets = [self._unknowns_at({**one.shape, name: size}) for name, size in strengths.items()]
-        for some in ([], *places):
+        for state, some in {"": [], **places}.items():
             sets.append(one.theta_base_fixed.copy())
-            sets[-1][some] += self._half_range
+            sets[-1][some] += self._half_range(state, one.theta_base_fixed) if state else 0.0
         changes, k = self._changes(sets), len(strengths)
         by_size = self._by_experiment(changes[:, :k]) if self.candidate.local else changes[:, :k]
         by_state = changes[:, k + 1 :] - changes[:, [k]]
-        return size_beyond_states(by_size, by_state, self._owner, self.base, self.model.r, noise)
+        return size_beyond_states(by_size, by_state, self._owner, self.base, self.model.r, noise).is_noise
 
     @property
-    def _places_of_states(self) -> list[list[int]]:
+    def _places_of_states(self) -> dict[str, list[int]]:
         """Places of each state of the effect that may begin anywhere, one for each experiment."""
         own = {*self.candidate.local, *self.candidate.states_before}
         found: dict[str, list[int]] = {}
@@ -241,13 +225,14 @@ class _Screening:
             mine = item.parameter.startswith(f"{self.candidate.block}.") and item.parameter not in own
             if item.experiment and mine and np.isinf(item.low) and np.isinf(item.high):
                 found.setdefault(item.parameter, []).append(k)
-        return list(found.values())
+        return found
 
-    @property
-    def _half_range(self) -> float:
-        """The distance by which a state begins elsewhere: half the range of the signal that the effect acts on."""
-        scales = self.candidate.scales
-        return scales.wire.reach if scales else 1.0
+    def _half_range(self, state: str, theta: np.ndarray) -> float:
+        """The distance by which a state begins elsewhere: half its range, or that of the signal of the effect."""
+        scales, at = self.candidate.scales, self.problem.unknowns.parameters
+        runs = (attrs.evolve(one, columns=(one.eq.y.index(state),)) for one in self.problem.experiments)
+        ranges = [float(np.ptp(one.outputs(at(theta, e)))) for e, one in enumerate(runs)]
+        return 0.5 * max(ranges) or (scales.wire.reach if scales else 1.0)
 
     def _noise_gains(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
         """Gains (D,) of a shape with any size in surrogates, with products ``g`` (D, k) and ``m`` (k, k)."""
@@ -296,14 +281,14 @@ class _Screening:
                 rows = next(segments)
                 change = weight * (y[:, i] - experiment.measured[:, i, None])
                 counted = 1.0 if experiment.counted is None else experiment.counted[:, i, None]
-                results[rows] = counted * change - self.model.r[rows, None]
+                results[rows] = counted * change - self.unchanged[rows, None]
         diverged = ~(np.abs(results) < DIVERGENCE_THRESHOLD).all(axis=0)
         results[:, diverged] = 0.0  # a diverged simulation has no gain
         return results
 
     def _sized(
         self, shape: Mapping[str, float], z: np.ndarray, g: np.ndarray, m: np.ndarray, inside: np.ndarray
-    ) -> _ShapeTrial:
+    ) -> ShapeTrial:
         """A shape with the sizes of its strengths at the minimum of the sum of squares.
 
         ``z`` (N, k) are the changes of the outputs; with the base projected out, ``g`` (k,) are their products with the
@@ -331,7 +316,7 @@ class _Screening:
         if sensitivity <= MIN_SENSITIVITY * whole:
             components, names = inside[:, :first].sum(axis=1), self.model.problem.unknowns.names
             sensitivity, absorbed = 0.0, absorbing(self.base, components, names) if whole else {}
-        return _ShapeTrial(gain, theta, shape, z @ size, sensitivity, exceeds_range, base_fixed, absorbed)
+        return ShapeTrial(gain, theta, shape, z @ size, sensitivity, exceeds_range, base_fixed, absorbed)
 
     @property
     def _first_is_local(self) -> bool:
@@ -363,13 +348,7 @@ def absorbing(base: ColumnSpace, components: np.ndarray, names: Sequence[str]) -
     return {names[k]: float(moves[k]) for k in np.argsort(-effects) if effects[k] >= DOMINATING * effects.max()}
 
 
-def _better_start(problem: Problem, one: _ShapeTrial) -> np.ndarray:
-    """The starting point with the lower cost: base parameters moved as their derivatives predict, or unchanged."""
-    shifted, base_fixed = problem.costs(np.stack([one.theta, one.theta_base_fixed]), quick=True)
-    return one.theta_base_fixed if not shifted <= base_fixed else one.theta
-
-
-def _between(shape_trials: Sequence[_ShapeTrial], name: str) -> list[dict[str, float]]:
+def _between(shape_trials: Sequence[ShapeTrial], name: str) -> list[dict[str, float]]:
     """Shapes between the best one and its neighbours."""
     best = max(shape_trials, key=lambda one: one.gain)
     here = best.shape[name]
@@ -377,20 +356,3 @@ def _between(shape_trials: Sequence[_ShapeTrial], name: str) -> list[dict[str, f
     distance = abs(others[0] - here) if others else 0.0
     steps = [k / (REFINEMENT_SHAPES + 1) for k in range(-REFINEMENT_SHAPES, REFINEMENT_SHAPES + 1) if k]
     return [{**best.shape, name: here + share * distance} for share in steps]
-
-
-def _with_narrow_bounds(problem: Problem, candidate: Candidate, best: _ShapeTrial) -> Problem:
-    """The problem with bounds on a refined shape close to its values: the problem is nonsmooth in it."""
-    name, unknowns = f"{candidate.block}.{candidate.trials.refine}", problem.unknowns
-    items, distance = list(unknowns.items), PINNING_WIDTHS * candidate.transition_time
-    for k, item in enumerate(unknowns.items):
-        if item.parameter == name:
-            value = float(best.theta[k])
-            items[k] = attrs.evolve(item, low=max(value - distance, item.low), high=min(value + distance, item.high))
-    return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
-
-
-def _is_distinct(one: _ShapeTrial, best: _ShapeTrial, base: ColumnSpace) -> bool:
-    """Whether two shapes are different starting points: their output changes are not strongly correlated."""
-    a, b = base.project_out(np.stack([one.output_change, best.output_change], axis=1)).T
-    return float(np.einsum("i,i->", a, b)) ** 2 < MAX_SQUARED_CORRELATION * square(a) * square(b)

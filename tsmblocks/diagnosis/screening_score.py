@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.fitted_candidate import MAX_FINITE_NULL
-from tsmblocks.diagnosis.size_beyond_states import SizeBeyondStates
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 
@@ -48,7 +47,8 @@ class ScreeningScore:
     residual, which hold noise alone. ``shapes`` are those that were tried. ``is_slow`` is True where its change of the
     outputs is. Gains count beside ``squares``, the sum of squares of the residual, and ``noise_squares`` (D,) of the
     surrogates: all of it, or the slow part. ``slow_part`` are these of the slow part, where a candidate of the
-    motion is slow. ``by_size`` is what the size gains beyond initial states that are free.
+    motion is slow. ``states_alone_explain()`` is whether the size gains no more than in noise, beyond initial states
+    that are free.
     """
 
     candidate: Candidate
@@ -59,7 +59,7 @@ class ScreeningScore:
     noise_gains: np.ndarray
     shapes: tuple[ShapeSensitivity, ...] = ()
     is_slow: bool = False
-    by_size: SizeBeyondStates | None = None
+    states_alone_explain: Callable[[], bool] = lambda: False
     squares: float = 1.0
     noise_squares: np.ndarray | float = 1.0
     slow_part: tuple[float, np.ndarray] | None = None

@@ -86,11 +86,8 @@ def errors_table(segment: Segment, gap: Gap, most: int | None = None) -> str:
     whole, above = f"noise floor ({gap.given or gap.method})", list[str]()
     before, *added = column_titles(segment)
     made = [f"held-out {before}" if added else "held-out", *added]
-    room = table_width() - max(len(first), len(whole)) - sum(len(title) + 2 for title in (made[0], *last))
-    width = max(MIN_HEADING_LENGTH, room // max(len(made) - 1, 1) - 2)
-    titles = _headings([*made, *last], width)
-    wide = max(len(first), len(whole)) + sum(max(map(len, column)) + 2 for column in zip(*titles, strict=True))
-    if wide > table_width():  # too wide for these in its first column
+    titles, fits = _headings([*made, *last], table_width() - max(len(first), len(whole)))
+    if not fits:  # too wide for these in its first column
         first, floor, above = "", "floor", [f"{first}, {whole}:"]
     else:
         floor = whole
@@ -117,8 +114,17 @@ def _largest(gap: Gap, most: int | None) -> list[str]:
     return [name for name in gap.experiments if name in ordered[:most]]
 
 
-def _headings(titles: Sequence[str], width: int) -> list[list[str]]:
-    """Lines of headings of columns, in which long names are broken after an underscore."""
+def _headings(titles: Sequence[str], room: int) -> tuple[list[list[str]], bool]:
+    """Lines of headings of columns, broken as little as the room for them asks for; and whether they fit into it."""
+    for width in range(max(MIN_HEADING_LENGTH, *map(len, titles)), MIN_HEADING_LENGTH - 1, -1):
+        lines = _broken(titles, width)
+        if sum(max(map(len, column)) + 2 for column in zip(*lines, strict=True)) <= room:
+            return lines, True
+    return lines, False
+
+
+def _broken(titles: Sequence[str], width: int) -> list[list[str]]:
+    """Lines of headings of columns of a width, in which long names are broken after an underscore."""
     wrapped = [textwrap.wrap(title.replace("_", "_ "), width, break_long_words=False) for title in titles]
     lines = [[line.replace("_ ", "_") for line in parts] for parts in wrapped]
     count = max(map(len, lines))

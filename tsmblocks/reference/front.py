@@ -7,6 +7,10 @@ from tsmblocks.html.pages import part
 from tsmblocks.reference import blocks, effects, examples, figures, gallery, rst, uses
 
 FIRST = "fig09a_without_feedforward"
+PAPER = (
+    "*Hysteresis modeling and position control of tendon-sheath mechanism in flexible endoscopic systems* "
+    "(Mechatronics)"
+)
 PARTS = (
     "installation", "getting_started", "tutorials/index", "howto/index", "gallery/index", "concepts/index",
     "blocks/index", "diagrams/index", "effects/index", "python/index", "commands/index", "glossary", "comparison",
@@ -26,7 +30,7 @@ def pages() -> dict[str, str]:
         words,
         rst.html(part("gallery", _begin())),
         rst.html(uses.linked_picture(uses.shipped()[FIRST], up="")),
-        f"The paper's Fig. 9(a) (:doc:`diagrams/{FIRST}`); each block leads to its page.",
+        f"Fig. 9(a) (:doc:`diagrams/{FIRST}`) of the source paper, {PAPER}; each block leads to its page.",
         rst.html(part("gallery", _parts())),
         rst.contents(PARTS),
     )

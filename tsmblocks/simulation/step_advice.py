@@ -148,6 +148,12 @@ def step_finding(found: Examined, remedy: Advice, tolerance: float) -> str:
     )
 
 
+def _up_to(session: Session, found: Examined) -> str:
+    """Up to when the remedy was examined, where that is not the end of the run."""
+    end = found.part.k + found.part.n
+    return f" up to t = {session.start + end * session.h:.6g} s" if end < found.run.k + found.run.steps else ""
+
+
 def _percent(share: float) -> str:
     if share < 3:
         return f"{100 * share:.{2 if share < 1 else 3}g} % of its largest value"
@@ -163,7 +169,7 @@ def _remedy(session: Session, found: Examined, remedy: Advice) -> str:
     if remedy.method:
         ways.append(f"method='{remedy.method}' at this step{STIFF if remedy.method == IMPLICIT else ''}")
     if ways:
-        text = f"{' or '.join(ways)} would do."
+        text = f"{' or '.join(ways)} would do{_up_to(session, found)}."
         return text[0].upper() + text[1:]
     return (
         f"Down to steps of {session.h / 2 ** len(found.gaps):.4g} s results do not settle: the diagram may be chaotic, "
