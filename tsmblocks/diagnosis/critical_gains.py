@@ -15,6 +15,8 @@ from tsmblocks.diagnosis.screening_score import ScreeningScore
 MOTION, SLOW, OSCILLATION, SLOW_MOTION = "motion", "slow", "oscillation", "slow motion"
 """Families of candidates, for each of which the level of significance holds; those of the motion that change the
 outputs slowly are judged beside the slow part of the residual as well."""
+SURROGATES = 99
+"""Surrogates of the residual of each kind in which every candidate is tried. Chosen: for the run time."""
 LEVEL_OF_SLOW = 0.01
 """Probability that any slow function of time exceeds the critical gain by chance. Chosen: below that of others, since
 the slow part of a spectrum, which such effects resemble, is known from a few cycles only."""
@@ -103,5 +105,6 @@ def _ratios(score: ScreeningScore) -> np.ndarray:
 
 
 def _critical_alone(ratios: np.ndarray, level: float = SIGNIFICANCE_LEVEL) -> float:
-    """What a share of these exceeds: one in twenty, or another ``level``."""
-    return float(np.quantile(ratios, 1 - level))
+    """What a share of these exceeds: one in twenty, or another ``level``; of two kinds of noise in the worse."""
+    kinds = ratios.reshape(-1, SURROGATES) if len(ratios) % SURROGATES == 0 else ratios[None, :]
+    return float(np.quantile(kinds, 1 - level, axis=1).max())

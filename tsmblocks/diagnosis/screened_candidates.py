@@ -9,7 +9,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
-from tsmblocks.diagnosis.critical_gains import MOTION, SLOW, family_of, is_of_time
+from tsmblocks.diagnosis.critical_gains import MOTION, SLOW, SURROGATES, family_of, is_of_time
 from tsmblocks.diagnosis.decision import Shrinkage
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.insertion_points import insertion_points
@@ -22,13 +22,11 @@ from tsmblocks.diagnosis.search_rounds import SearchContext
 from tsmblocks.diagnosis.slow_sums import slow_sums
 from tsmblocks.diagnosis.surrogates import surrogates
 from tsmblocks.effects import REPLACED, Effect, Relative
-from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
+from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, ColumnSpace, column_space
 from tsmblocks.fitting.inner_products import square
 
 DEFLECTION = "deflection"
 """The place of effects in the deflection of a spring."""
-SURROGATES = 99
-"""Surrogates of the residual in which every candidate is tried. Chosen: for the run time."""
 MIN_FITTED_CANDIDATES = 3
 """Candidates fitted in a round at least, where there are so many. Chosen: screening is of first order only."""
 MAX_FITTED_CANDIDATES = 16
@@ -56,10 +54,7 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
     base = column_space(model.J, SQUARED_EFFECT_TOLERANCE)
     every = [*candidates(model, effects, wires, points), *replacement_candidates(model, wires, replaced)]
     scores, screened = [], screening_model(model)
-    noise = {
-        of_time: surrogates(model, base, SURROGATES, search.settings.seed, of_time=of_time)
-        for of_time in {is_of_time(one) for one in every}
-    }
+    noise = _noise(model, base, search.settings.seed)
     whole = square(model.r)
     slow = {k: (float(slow_sums(model, model.r[:, None])[0]), slow_sums(model, one)) for k, one in noise.items()}
     for k, one in enumerate(every):
@@ -67,10 +62,18 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
         own = noise[is_of_time(one)]
         score = screening_score(one, model, search.records, search.settings, wires, base, own, screened)
         own_slow, family = slow[is_of_time(one)] if score.is_slow else None, family_of(one)
+        if family == MOTION and not score.is_slow:  # slow noise does not resemble it
+            score = attrs.evolve(score, noise_gains=np.tile(score.noise_gains[:SURROGATES], 2))
         squares, by_noise = own_slow if own_slow and family == SLOW else (whole, whole)
         part = own_slow if family == MOTION else None
         scores.append(attrs.evolve(score, squares=squares, noise_squares=by_noise, slow_part=part))
     return sorted(scores, key=lambda one: -one.gain)
+
+
+def _noise(model: Model, base: ColumnSpace, seed: int) -> dict[bool, np.ndarray]:
+    """Surrogates for effects of time (True), and for effects of the motion of both kinds, one after another (False)."""
+    of_time, of_motion = (surrogates(model, base, SURROGATES, seed, of_time=one) for one in (True, False))
+    return {True: of_time, False: np.concatenate([of_motion, of_time], axis=1)}
 
 
 def chosen_candidates(
