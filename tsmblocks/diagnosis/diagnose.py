@@ -226,9 +226,8 @@ def _diagnosed(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPa
     try:
         forward_search(ready.base, {}, search, rounds)
         rounds, notes, omitted = _revised(rounds, search)
-        count = accepted_count(rounds, search)
-        final, more = with_fine_step(clip_idle_memories(rounds[count].base), request.settings.step is not None)
-        notes += more
+        rounds, final, more, gone = _at_fine_step(rounds, search)
+        count, notes, omitted = accepted_count(rounds, search), [*notes, *more], [*omitted, *gone]
     except OtherCommands as shown:
         with contextlib.suppress(KeyboardInterrupt):
             return _diagnosed(prepared_again(ready, shown.found, progress), progress)
@@ -293,6 +292,21 @@ def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[Sea
     rounds, undetermined = without_undetermined(exchange_effects(rounds, search), search)
     rounds, notes, recurring = without_recurring_events(rounds, search)
     return rounds, notes, [*undetermined, *recurring]
+
+
+def _at_fine_step(
+    rounds: list[SearchRound], search: SearchContext
+) -> tuple[list[SearchRound], Model, list[str], list[Omission]]:
+    """The last model at a sufficient step and notes on that; effects that are not determined there are left out."""
+    omitted = list[Omission]()
+    while True:
+        count = accepted_count(rounds, search)
+        final, notes = with_fine_step(clip_idle_memories(rounds[count].base), search.settings.step is not None)
+        last = attrs.evolve(rounds[count], base=final)
+        left, gone = without_undetermined([*rounds[:count], last, *rounds[count + 1 :]], search)
+        if not gone:
+            return rounds, final, notes, omitted
+        rounds, omitted = left, [*omitted, *gone]
 
 
 def _notes_on(final: Model, diagram: Diagram, noise_variance: float) -> list[str]:

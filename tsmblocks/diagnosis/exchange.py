@@ -52,6 +52,8 @@ def _repeated_beside_others(
     if this is not None and new is not None and _same_effect(this, new) and not is_more_general(this, new):
         rounds[k] = attrs.evolve(rounds[k], repeated=again)
         return None
+    if new is not None and any(_has_name_of(new, one) for one in others):  # a pair of one effect explains much
+        return None
     if new is None:  # beside the others no effect would be named here
         made, least, allowed = [*other_rounds, again], len(other_rounds), MIN_VARIANCE_REDUCTION
     else:
@@ -77,6 +79,11 @@ def _same_effect(this: FittedCandidate, new: FittedCandidate) -> bool:
     """Whether the same effect is named again, or a more general form of it."""
     name, effect = this.candidate.effect.name, new.candidate.effect
     return effect.name == name or name in effect.contains
+
+
+def _has_name_of(new: FittedCandidate, one: SearchRound) -> bool:
+    """Whether an effect has the name of that which a round named."""
+    return one.verdict.named is not None and one.verdict.named.candidate.effect.name == new.candidate.effect.name
 
 
 def _is_simpler_form(one: Effect | Relative, other: Effect | Relative) -> bool:
