@@ -13,7 +13,8 @@ import numpy as np
 from tsmblocks.diagnosis.candidates import REST_HALF_RANGE
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import rows_of_experiments
-from tsmblocks.diagnosis.surrogates import FOLDS, rolled, stretches_of
+from tsmblocks.diagnosis.surrogates import FOLDS, rolled, stretches_of, surrogates
+from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 
 DRAWS = 199
 """Surrogates of the residual. Chosen: the 99 % quantile is the second largest."""
@@ -84,36 +85,41 @@ def evidence(model: Model, seed: int) -> Evidence:
     """Predict the residual of a model from its inputs and outputs, by ridge regression on held-out blocks.
 
     Features are powers, rates, directions, plays of several widths, lags and ripples of each signal. The share that is
-    predicted is held against that of surrogates of the residual.
+    predicted is held against that of surrogates of the residual: of parts of it that have lost their tie to the motion,
+    and of noise of its spectrum, which may be slower than these parts are long.
     """
     draw = np.random.default_rng(seed)
     motions = distinct_motions(model)
-    every = [_regression(model, output, motions, draw) for output in range(len(model.setup.outputs))]
+    slow = surrogates(model, column_space(model.J, SQUARED_EFFECT_TOLERANCE), DRAWS, seed, of_time=True)
+    every = [_regression(model, output, motions, draw, slow) for output in range(len(model.setup.outputs))]
     total = np.sum([squares for _, squares in every], axis=0)
     rest = np.sum([error for error, _ in every], axis=0)
     share = 1 - rest / np.maximum(total, 1e-300)
-    found, null = float(share[0]), share[1:]
+    found, nulls = float(share[0]), share[1:].reshape(2, DRAWS)
     return Evidence(
         found,
-        float(np.quantile(null, 1 - SIGNIFICANCE_LEVEL)),
-        float((1 + np.sum(null >= found)) / (len(null) + 1)),
+        float(np.quantile(nulls, 1 - SIGNIFICANCE_LEVEL, axis=1, method="higher").max()),
+        float((1 + np.sum(nulls >= found, axis=1).max()) / (DRAWS + 1)),
         float(rest[0] / len(model.r)) if found > 0 else model.mean_square,
     )
 
 
 def _regression(
-    model: Model, output: int, motions: Motions, draw: np.random.Generator
+    model: Model, output: int, motions: Motions, draw: np.random.Generator, slow: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Squared error and sum of squares, each (1 + draws,), of one output's residual and of its surrogates."""
+    """Squared error and sum of squares, each (1 + 2 draws,), of one output's residual and of its surrogates.
+
+    ``slow`` (N, draws) are those of its spectrum.
+    """
     groups, kinds = list(rows_of_experiments(model, output).values()), _kinds(motions)
     cuts, count = stretches_of([len(rows) for rows in groups]), len(kinds) + 1
-    gram, moment = np.zeros((FOLDS, count, count)), np.zeros((FOLDS, count, 1 + DRAWS))
-    squares = np.zeros(1 + DRAWS)
+    gram, moment = np.zeros((FOLDS, count, count)), np.zeros((FOLDS, count, 1 + 2 * DRAWS))
+    squares = np.zeros(1 + 2 * DRAWS)
     for k, (rows, own, columns) in enumerate(zip(groups, cuts, _features(model, motions), strict=True)):
         z = np.column_stack([*columns, np.ones(len(rows))])
         for j, part in enumerate(own):
             r = model.r[rows[part]]
-            both = np.column_stack([r, rolled(r, DRAWS, draw)])
+            both = np.column_stack([r, rolled(r, DRAWS, draw), slow[rows][part]])
             fold = (j + k) % FOLDS
             gram[fold] += z[part].T @ z[part]
             moment[fold] += z[part].T @ both

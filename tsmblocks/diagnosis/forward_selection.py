@@ -39,6 +39,9 @@ from tsmblocks.diagnosis.slow_sums import explains_slowest
 from tsmblocks.diagnosis.takes_over import switches_off
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
 
+CLEAR_GAIN = 2.0
+"""Gain of a fit [critical gains] from which it may be more than predicted. Chosen: gains in noise are predicted ones,
+and fits gain more in noise too."""
 MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 MAX_BETTER_BASES = 2
@@ -92,7 +95,7 @@ def _why_noise(
     ``known`` is one that was named in another model, in which it is known to explain more than it leaves.
     """
     new = known is None or known.candidate.effect.name != score.candidate.effect.name
-    if gain <= limit:
+    if gain <= limit or (score.gain <= limit and gain <= CLEAR_GAIN * limit):
         yield "random noise of its spectrum is reduced as much"
     if new and is_wandering(score.candidate) and not explains_slowest(fitted, base):
         yield "what it leaves wanders more"
