@@ -942,7 +942,7 @@ def test_what_an_effect_that_is_linear_in_its_size_promises(name, hidden, column
     records = recordings(more=hidden)
     model = fitted(records=records)
     found, wires = offered(model, records, [effect(name)])
-    got = screening_score(found[0], model, records, asked(), wires, space_of(model), np.zeros((len(model.r), 1)))
+    got = screening_score(found[0], model, records, asked(), wires, space_of(model), np.zeros((len(model.r), 1)), model)
     outputs = [y / SIGMA for y in wires.signals["offset.y"]]
     middle = wires.span("offset.y").middle
     away = np.concatenate(wires.signals["offset.y"]) - middle
@@ -976,7 +976,7 @@ def test_what_the_base_absorbs_promises_nothing():
         lambda scales: Trials({"bias": 0.1}),
     )
     (one_more,), wires = offered(model, records, [again])
-    got = screening_score(one_more, model, records, asked(), wires, space_of(model), np.zeros((len(model.r), 1)))
+    got = screening_score(one_more, model, records, asked(), wires, space_of(model), np.zeros((len(model.r), 1)), model)
     assert abs(got.gain) < 1e-3
     fit = space_of(model)
     assert fit.basis.normal_matrix() == pytest.approx(np.eye(fit.basis.shape[1]), abs=1e-9)
@@ -993,7 +993,7 @@ def test_a_promise_is_kept():
         records[name] = record.with_signal("x_out", y + SIGMA * rng.standard_normal(len(T)), "rad")
     model = fitted(records=records)
     (gap,), wires = offered(model, records, [effect("backlash")])
-    got = screening_score(gap, model, records, asked(), wires, space_of(model), np.zeros((len(model.r), 1)))
+    got = screening_score(gap, model, records, asked(), wires, space_of(model), np.zeros((len(model.r), 1)), model)
     end = optimized(got.problem, got.setup, got.starts[0])
     fall = model.r @ model.r - end.r @ end.r
     assert 0.5 * fall < got.gain < 1.5 * fall

@@ -31,7 +31,7 @@ from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.oscillation import comes_back_with_motion, follows_motion, is_oscillation, repeats_another
 from tsmblocks.diagnosis.own_parameters import at_own_parameters, is_rough
 from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, with_memories
-from tsmblocks.diagnosis.screened_candidates import chosen_candidates, screened_candidates
+from tsmblocks.diagnosis.screened_candidates import BADLY_PREDICTED, chosen_candidates, screened_candidates
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.shift_in_time import SHIFT_IN_TIME, is_shift_in_time
@@ -39,9 +39,9 @@ from tsmblocks.diagnosis.slow_sums import explains_slowest
 from tsmblocks.diagnosis.takes_over import switches_off
 from tsmblocks.diagnosis.time_and_distance import with_distances_first
 
-CLEAR_GAIN = 2.0
+CLEAR_GAIN = 5.0
 """Gain of a fit [critical gains] from which it may be more than predicted. Chosen: gains in noise are predicted ones,
-and fits gain more in noise too."""
+and fits gain more in noise too. Of a real effect little is predicted where the base is far from it."""
 MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 MAX_BETTER_BASES = 2
@@ -95,7 +95,8 @@ def _why_noise(
     ``known`` is one that was named in another model, in which it is known to explain more than it leaves.
     """
     new = known is None or known.candidate.effect.name != score.candidate.effect.name
-    if gain <= limit or (score.gain <= limit and gain <= CLEAR_GAIN * limit):
+    predicted = new and score.candidate.effect.place not in BADLY_PREDICTED
+    if gain <= limit or (predicted and score.gain <= limit and gain <= CLEAR_GAIN * limit):
         yield "random noise of its spectrum is reduced as much"
     if new and is_wandering(score.candidate) and not explains_slowest(fitted, base):
         yield "what it leaves wanders more"

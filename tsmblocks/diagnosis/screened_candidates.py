@@ -27,6 +27,8 @@ from tsmblocks.fitting.inner_products import square
 
 DEFLECTION = "deflection"
 """The place of effects in the deflection of a spring."""
+BADLY_PREDICTED = (REPLACED, DEFLECTION)
+"""Places of effects of which screening predicts little: they act with a spring that was fitted without them."""
 MIN_FITTED_CANDIDATES = 3
 """Candidates fitted in a round at least, where there are so many. Chosen: screening is of first order only."""
 MAX_FITTED_CANDIDATES = 16
@@ -95,7 +97,7 @@ def worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: Search
     best = scores[0].gain if scores else 0.0
     least = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
     some = various(sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain))[:MAX_FITTED_CANDIDATES]
-    chosen = [one for one in scores if one in some or one.candidate.effect.place in (REPLACED, DEFLECTION)]
+    chosen = [one for one in scores if one in some or one.candidate.effect.place in BADLY_PREDICTED]
     enough = [score.gain > (0.0 if score.candidate.effect.place == DEFLECTION else least) for score in chosen]
     return [score for k, score in enumerate(chosen) if k < MIN_FITTED_CANDIDATES or enough[k]]
 
