@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 import pytest
 
-from tsmblocks.diagnosis.critical_gains import critical_gains, critical_multiplicity
+from tsmblocks.diagnosis.critical_gains import SURROGATES, critical_gains, critical_multiplicity
 
 TOTAL = 1000.0
 
@@ -77,3 +77,12 @@ def test_a_slow_candidate_of_the_motion_is_judged_beside_the_slow_part_as_well()
     whole = attrs.evolve(slow, slow_part=None)
     assert limits[slow] <= critical_gains([whole, *plain], critical_multiplicity([whole, *plain]))[whole]
     assert [limits[one] for one in plain] == [critical_gains(plain, multiplicity)[one] for one in plain]
+
+
+def test_of_two_kinds_of_noise_the_worse_counts():
+    one = score(0)
+    gains = np.random.default_rng(3).chisquare(1, 2 * SURROGATES)
+    gains[SURROGATES:] *= 9.0
+    both, worse = (attrs.evolve(one, noise_gains=part) for part in (gains, gains[SURROGATES:]))
+    assert limit(both, [both]) == pytest.approx(limit(worse, [worse]))
+    assert limit(both, [both]) > 2 * np.quantile(gains[:SURROGATES], 0.95)

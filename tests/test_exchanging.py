@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.search_tables import Table, effect, names, search_of
+from tsmblocks.diagnosis import exchange
 from tsmblocks.diagnosis.decision import is_more_general
 from tsmblocks.diagnosis.exchange import exchange_effects
 from tsmblocks.diagnosis.forward_selection import forward_search
@@ -89,3 +90,11 @@ def test_one_effect_is_not_looked_at_again(searching):
 
 def test_nothing_stays_nothing(searching):
     assert searching({"": 1.0})[:2] == ("", "")
+
+
+def test_no_effect_is_exchanged_for_a_second_one_of_a_name(searching, monkeypatch):
+    """B beside A is exchanged for C; where C has the name of A, as a second of a pair would, it is not."""
+    table = {"": 20, "B": 6, "A": 9, "C": 11, "AB": 1.04, "AC": 1.0}
+    assert searching(table)[1] == "CA"
+    monkeypatch.setattr(exchange, "_has_name_of", lambda new, one: new.candidate.effect.name == "C")
+    assert searching(table)[1] == "BA"
