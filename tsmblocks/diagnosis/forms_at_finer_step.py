@@ -48,5 +48,5 @@ def _has_finer_step(one: Model, before: Model) -> bool:
 
 def _is_form_of(one: FittedCandidate, named: FittedCandidate) -> bool:
     """Whether a candidate is another form of the effect that was named, on the same wire."""
-    same = one.candidate.effect.name == named.candidate.effect.name and one.candidate.point == named.candidate.point
-    return same and one is not named and one.tenable
+    (name, _, wire), (own, _, at) = one.candidate.key, named.candidate.key
+    return (own, at) == (name, wire) and one is not named and one.tenable

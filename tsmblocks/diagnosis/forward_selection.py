@@ -77,7 +77,8 @@ def search_round(
     base_loss = mean_loss(losses[0], search.blocks)
     for score, m in with_memories(fits):
         candidate, gain = score.candidate, (model.mean_square - m.mean_square) * len(model.r)
-        untenable = next(_why_noise(score, m, model, gain, limits[score], known), "")
+        likely = model.mean_square <= search.likely_noise
+        untenable = next(_why_noise(score, m, model, gain, limits[score], known, likely), "")
         untenable = untenable or next(_why_untenable(m, model, candidate, search, gain, by_motion), "")
         found = fitted_candidate(candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
@@ -88,14 +89,21 @@ def search_round(
 
 
 def _why_noise(
-    score: ScreeningScore, fitted: Model, base: Model, gain: float, limit: float, known: FittedCandidate | None
+    score: ScreeningScore,
+    fitted: Model,
+    base: Model,
+    gain: float,
+    limit: float,
+    known: FittedCandidate | None,
+    may_be_noise: bool,
 ) -> Iterator[str]:
     """Why what a fitted candidate gains beside a base is no more than it may in noise; nothing where it is more.
 
-    ``known`` is one that was named in another model, in which it is known to explain more than it leaves.
+    ``known`` is one that was named in another model, in which it is known to explain more than it leaves;
+    ``may_be_noise`` is whether noise as large as the residual of the base is likely.
     """
     new = known is None or known.candidate.effect.name != score.candidate.effect.name
-    predicted = new and score.candidate.effect.place not in BADLY_PREDICTED
+    predicted = may_be_noise and new and score.candidate.effect.place not in BADLY_PREDICTED
     if gain <= limit or (predicted and score.gain <= limit and gain <= CLEAR_GAIN * limit):
         yield "random noise of its spectrum is reduced as much"
     if new and is_wandering(score.candidate) and not explains_slowest(fitted, base):

@@ -56,9 +56,9 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
     base = column_space(model.J, SQUARED_EFFECT_TOLERANCE)
     every = [*candidates(model, effects, wires, points), *replacement_candidates(model, wires, replaced)]
     scores, screened = [], screening_model(model)
-    noise = _noise(model, base, search.settings.seed)
+    noise, slow_noise = _noise(model, base, search)
     whole = square(model.r)
-    slow = {k: (float(slow_sums(model, model.r[:, None])[0]), slow_sums(model, one)) for k, one in noise.items()}
+    slow = {k: (float(slow_sums(model, model.r[:, None])[0]), one) for k, one in slow_noise.items()}
     for k, one in enumerate(every):
         search.progress("tried", k, len(every))
         own = noise[is_of_time(one)]
@@ -72,10 +72,20 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
     return sorted(scores, key=lambda one: -one.gain)
 
 
-def _noise(model: Model, base: ColumnSpace, seed: int) -> dict[bool, np.ndarray]:
-    """Surrogates for effects of time (True), and for effects of the motion of both kinds, one after another (False)."""
+def _noise(
+    model: Model, base: ColumnSpace, search: SearchContext
+) -> tuple[dict[bool, np.ndarray], dict[bool, np.ndarray]]:
+    """Surrogates for effects of time (True), and of both kinds, one after another, for effects of the motion (False);
+    and the sums of squares of their slow parts.
+
+    Slow noise as large as the residual explains nothing of what the motion may cause where noise is hardly so large.
+    """
+    seed = search.settings.seed
     of_time, of_motion = (surrogates(model, base, SURROGATES, seed, of_time=one) for one in (True, False))
-    return {True: of_time, False: np.concatenate([of_motion, of_time], axis=1)}
+    possible = np.sqrt(min(1.0, search.likely_noise / max(model.mean_square, 1e-300)))
+    slow = [slow_sums(model, one) for one in (of_motion, of_time)]
+    noise = {True: of_time, False: np.concatenate([of_motion, possible * of_time], axis=1, dtype=of_time.dtype)}
+    return noise, {True: slow[1], False: np.concatenate(slow)}
 
 
 def chosen_candidates(

@@ -17,6 +17,10 @@ from tsmblocks.diagnosis.noise_floor import NoiseLevel
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.effects import Effect, Relative, Replacement
 
+LIKELY_NOISE = 10.0
+"""Mean square of noise [noise variances] that is likely, where the floor may be that of the fast noise alone. Chosen:
+three times the floor."""
+
 
 @attrs.frozen(eq=False)
 class SearchRound:
@@ -77,6 +81,11 @@ class SearchContext:
             return effect.relative
         tried = (one for one in self.effects if isinstance(one, Effect))
         return next((one for one in tried if (one.name, one.variant) == (effect.name, effect.variant)), effect)
+
+    @property
+    def likely_noise(self) -> float:
+        """The largest mean square of noise that is likely [noise variances]; more is possible."""
+        return min(self.noise.high, LIKELY_NOISE)
 
     @property
     def noise_variance(self) -> float:
