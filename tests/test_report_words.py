@@ -395,11 +395,12 @@ def test_coordinates_of_a_voltage_are_not_called_those_of_a_motion(text, of_a_mo
 
 
 def test_long_names_in_headings_are_broken_after_an_underscore_and_never_cut():
-    assert text_of_diagnosis._headings(["before", "+ position_ripple", "+ jump"], 12) == [
-        ["", "+ position_", ""],
-        ["before", "ripple", "+ jump"],
-    ]
-    assert text_of_diagnosis._headings(["before", "+ jump"], 12) == [["before", "+ jump"]]
+    headings, long = text_of_diagnosis._headings, ["before", "+ position_ripple", "+ jump"]
+    assert headings(long, 40) == ([long], True)
+    assert headings(long, 30) == ([["", "+ position_", ""], ["before", "ripple", "+ jump"]], True)
+    assert headings(long, 20)[1] is False
+    short = ["held-out before", "+ dead_zone", "in-sample after"]
+    assert headings(short, 36) == ([["held-out", "", "in-sample"], ["before", "+ dead_zone", "after"]], True)
 
 
 def test_a_round_that_was_repeated_beside_effects_that_were_named_later_says_so():

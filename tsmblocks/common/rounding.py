@@ -29,7 +29,7 @@ def plus_minus(value: float, half: float, unit: str = "") -> str:
 
     Very small and very large ones share a power of ten: ``(5.047 ± 0.041)e-4 V``.
     """
-    k, shown = display_unit(unit)
+    k, shown = display_unit("" if unit == "1" else unit)
     value, half = k * value, k * half
     places, largest = decimals(value, half), max(abs(value), half)
     if places <= MOST_DECIMALS and (decimals(0.0, half) >= 0 or largest < LARGEST_PLAIN):

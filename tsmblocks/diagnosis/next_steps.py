@@ -25,6 +25,13 @@ NOISE_RATIO = 5.0
 """Residual over the noise floor up to which the noise itself is worth knowing. Chosen: slow noise is rarely more."""
 MIN_SHIFT_SHARE = 0.5
 """Share of the variance above the noise that a shift in time removes, from which it is named. Chosen: most of it."""
+MAINLY_PREDICTED = 0.5
+"""Share of a residual's mean square that is predicted from what was recorded, from which it is no disturbance. Chosen:
+most of it."""
+RECORD_CAUSES = (
+    "If it does not repeat: record other possible causes (a load, a second input, the temperature, a supply)."
+)
+"""The next step where a disturbance that was not recorded may be the cause."""
 SHOW_SHAPE = "Record more data over the full range of the signals that predict the residual, to show its shape."
 """The next step where a coordinate of the motion predicts the residual."""
 
@@ -54,13 +61,7 @@ def next_steps(segment: Segment) -> list[str]:
         return [*alone, *_where_a_factor_varies(segment)]
     if segment.irregular:
         near = any(_remaining_ratio(gap) < NOISE_RATIO for gap in segment.gaps)
-        return [
-            *alone,
-            repeat,
-            *([floor] if near and not given else []),
-            *_integrate_a_speed(segment),
-            "If it does not repeat: record other possible causes (a load, a second input, the temperature, a supply).",
-        ]
+        return [*alone, repeat, *([floor] if near and not given else []), *_integrate_a_speed(segment), RECORD_CAUSES]
     return [
         *alone,
         *_others_to_try(segment),
@@ -68,6 +69,7 @@ def next_steps(segment: Segment) -> list[str]:
         *_integrate_a_speed(segment),
         COMPARE_STRUCTURES,
         *([SHOW_SHAPE] if segment.where else []),
+        *([repeat, RECORD_CAUSES] if segment.predictable[-1] < MAINLY_PREDICTED else []),
         "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
     ]
 

@@ -116,7 +116,8 @@ def _largest(gap: Gap, most: int | None) -> list[str]:
 
 def _headings(titles: Sequence[str], room: int) -> tuple[list[list[str]], bool]:
     """Lines of headings of columns, broken as little as the room for them asks for; and whether they fit into it."""
-    for width in range(max(MIN_HEADING_LENGTH, *map(len, titles)), MIN_HEADING_LENGTH - 1, -1):
+    added = [len(title) for title in titles if title.startswith("+ ")]  # names, which are broken last
+    for width in (max(map(len, titles)), max([MIN_HEADING_LENGTH, *added]), MIN_HEADING_LENGTH):
         lines = _broken(titles, width)
         if sum(max(map(len, column)) + 2 for column in zip(*lines, strict=True)) <= room:
             return lines, True
@@ -125,7 +126,10 @@ def _headings(titles: Sequence[str], room: int) -> tuple[list[list[str]], bool]:
 
 def _broken(titles: Sequence[str], width: int) -> list[list[str]]:
     """Lines of headings of columns of a width, in which long names are broken after an underscore."""
-    wrapped = [textwrap.wrap(title.replace("_", "_ "), width, break_long_words=False) for title in titles]
+    wrapped = [
+        [title] if len(title) <= width else textwrap.wrap(title.replace("_", "_ "), width, break_long_words=False)
+        for title in titles
+    ]
     lines = [[line.replace("_ ", "_") for line in parts] for parts in wrapped]
     count = max(map(len, lines))
     return [list(row) for row in zip(*([""] * (count - len(parts)) + parts for parts in lines), strict=True)]
