@@ -20,7 +20,7 @@ def model(h, loss):
 
 def candidate(name, variant, loss, point="u -> y", untenable=""):
     effect = SimpleNamespace(name=name, variant=variant)
-    made = SimpleNamespace(effect=effect, key=(name, variant, point))
+    made = SimpleNamespace(effect=effect, point=SimpleNamespace(signal=point))
     return FittedCandidate(made, model(0.01, loss), np.full(3, loss), np.full(3, loss), loss, untenable)
 
 

@@ -47,6 +47,7 @@ def _has_finer_step(one: Model, before: Model) -> bool:
 
 
 def _is_form_of(one: FittedCandidate, named: FittedCandidate) -> bool:
-    """Whether a candidate is another form of the effect that was named, on the same wire."""
-    (name, _, wire), (own, _, at) = one.candidate.key, named.candidate.key
-    return (own, at) == (name, wire) and one is not named and one.tenable
+    """Whether a candidate is another form of the effect that was named, on the wire of the same signal."""
+    own, at = one.candidate, named.candidate
+    same = (own.effect.name, own.point.signal) == (at.effect.name, at.point.signal)
+    return same and one is not named and one.tenable
