@@ -15,7 +15,7 @@ from tests.hidden_bases import base_of, diagnosed, floor_of, recordings
 from tsmblocks.blocks import Bias
 from tsmblocks.common.errors import DataError, ParameterError
 from tsmblocks.data.conditioning import conditioned
-from tsmblocks.diagnosis import forward_selection
+from tsmblocks.diagnosis import next_base
 from tsmblocks.effects import Effect, Trials, catalogue, registered
 
 SLOW_NEEDS = ["diagnosis", "diagrams/tendon_sheath_*"]
@@ -326,7 +326,7 @@ def stopping(stage, count):
 
 def test_ctrl_c_in_the_fits_after_a_name_keeps_it(monkeypatch):
     """No progress is reported there."""
-    whole, after = forward_selection.refine_memories, []
+    whole, after = next_base.refine_memories, []
 
     def pressed(model, *rounds):
         if not rounds:  # of the next base, not of a candidate
@@ -335,7 +335,7 @@ def test_ctrl_c_in_the_fits_after_a_name_keeps_it(monkeypatch):
             after.append(model)
         return whole(model, *rounds)
 
-    monkeypatch.setattr(forward_selection, "refine_memories", pressed)
+    monkeypatch.setattr(next_base, "refine_memories", pressed)
     said = diagnosed(hidden("jump"), effects=SOME)
     assert said.status == "interrupted"
     assert names(said) == ["jump"]
