@@ -140,10 +140,10 @@ class RateLimit(Block):
 
     .. math:: y(t) = \min(\max(u,\; y_k + f (t - t_k)),\; y_k + r (t - t_k))
 
-    with :math:`y_k` the output at the start of the step, :math:`t_k`. A jump of the input at the end of a step counts in
-    all of it, so that the output is up to one step early behind a held input. The defaults are a motor of 3 rad/s. With
-    ``start="input"`` the first value passes as it is, with ``start="last"`` the output starts from the state ``last``
-    at time zero.
+    with :math:`y_k` the output at the start of the step, :math:`t_k`. A jump of the input at the end of a step counts
+    in all of it, so that the output is up to one step early behind a held input. The defaults are a motor of 3 rad/s.
+    With ``start="input"`` the first value passes as it is, with ``start="last"`` the output starts from the state
+    ``last`` at time zero.
     """
 
     source = "definition"
