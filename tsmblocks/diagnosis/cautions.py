@@ -27,8 +27,8 @@ FAR_ABOVE = 1.5
 TIMES = ("time_constant", "time")
 """Parameters of lags and delays, which add up where they follow one another."""
 MIN_SHARE_KEPT = 0.02
-"""Share of the time of an effect, and of its own at the start of the fit, below which the time of a block of the model
-went to zero. Chosen."""
+"""Time of a block of the model, as a share of that of an effect and of its own before the fit, below which it went to
+zero. Chosen."""
 MIN_LOSS_ACROSS = 0.05
 """Share of the variance above the noise floor by which an effect makes it larger on experiments held out, from which it
 is reported. Chosen: below it the estimates of the other parameters may be the cause."""
@@ -59,9 +59,7 @@ def taken_over(fit: Fit, effects: Collection[str]) -> list[str]:
     others = [name for name in fit.diagram.blocks if name not in effects]
     for added, one, parameter in itertools.product(effects, others, TIMES):
         own, new = known.get(f"{one}.{parameter}"), known.get(f"{added}.{parameter}")
-        if own is None or new is None:
-            continue
-        if abs(own.value) < MIN_SHARE_KEPT * min(abs(new.value), abs(own.start)):
+        if own and new and abs(own.value) < MIN_SHARE_KEPT * min(abs(new.value), abs(own.start)):
             said.append(
                 f"{own.name} went to zero beside {added}, which takes its place: the model may lack no further "
                 f"{parameter.replace('_', ' ')}, but have {one} at another place."

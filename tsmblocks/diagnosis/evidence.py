@@ -119,7 +119,7 @@ def _regression(
         z = np.column_stack([*columns, np.ones(len(rows))])
         for j, part in enumerate(own):
             r = model.r[rows[part]]
-            both = np.column_stack([r, rolled(r, DRAWS, draw), slow[rows][part]])
+            both = np.column_stack([r, rolled(r, DRAWS, draw), slow[rows[part]]])
             fold = (j + k) % FOLDS
             gram[fold] += z[part].T @ z[part]
             moment[fold] += z[part].T @ both

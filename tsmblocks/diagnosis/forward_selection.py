@@ -73,12 +73,12 @@ def search_round(
         multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}
     limits = critical_gains(scores, multiplicity)
     by_motion = functools.cache(lambda: _predicted_gain(model, search))
+    may_be_noise = model.mean_square <= search.likely_noise
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
     base_loss = mean_loss(losses[0], search.blocks)
     for score, m in with_memories(fits):
         candidate, gain = score.candidate, (model.mean_square - m.mean_square) * len(model.r)
-        likely = model.mean_square <= search.likely_noise
-        untenable = next(_why_noise(score, m, model, gain, limits[score], known, likely), "")
+        untenable = next(_why_noise(score, m, model, gain, limits[score], known, may_be_noise), "")
         untenable = untenable or next(_why_untenable(m, model, candidate, search, gain, by_motion), "")
         found = fitted_candidate(candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))

@@ -144,16 +144,21 @@ class Model:
 
     def signals(self, names: Iterable[str]) -> list[np.ndarray]:
         """Signals of the equations (n, signals) in each experiment, simulated once more."""
-        columns, at = tuple(self.setup.eq.y.index(name) for name in names), self.problem.unknowns.parameters
-        return [
-            attrs.evolve(one, columns=columns).outputs(at(self.theta, e))
-            for e, one in enumerate(self.setup.experiments)
-        ]
+        return signals_at(self.problem, names, self.theta)
 
     def parameters(self, experiment: str = "") -> dict[str, float]:
         """The fitted values common to all experiments, or those of one experiment alone."""
         pairs = zip(self.problem.unknowns.items, self.theta, strict=True)
         return {item.parameter: float(value) for item, value in pairs if item.experiment == experiment}
+
+
+def signals_at(problem: Problem, names: Iterable[str], theta: np.ndarray) -> list[np.ndarray]:
+    """Signals of the equations (n, signals) in each experiment of a problem, simulated at ``theta``."""
+    wanted, at = tuple(names), problem.unknowns.parameters
+    return [
+        attrs.evolve(one, columns=tuple(map(one.eq.y.index, wanted))).outputs(at(theta, e))
+        for e, one in enumerate(problem.experiments)
+    ]
 
 
 def calibrate(

@@ -12,7 +12,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate, WireSignals
-from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended
+from tsmblocks.diagnosis.model import Model, ModelSettings, pose_extended, signals_at
 from tsmblocks.diagnosis.own_instants import Products, falls, for_each, joined, moved, noise_gains, regular
 from tsmblocks.diagnosis.screening_score import MAX_SIZE_FACTOR, ScreeningScore, ShapeSensitivity
 from tsmblocks.diagnosis.shape_trial import ShapeTrial, fit_starts
@@ -229,9 +229,7 @@ class _Screening:
 
     def _half_range(self, state: str, theta: np.ndarray) -> float:
         """The distance by which a state begins elsewhere: half its range, or that of the signal of the effect."""
-        scales, at = self.candidate.scales, self.problem.unknowns.parameters
-        runs = (attrs.evolve(one, columns=(one.eq.y.index(state),)) for one in self.problem.experiments)
-        ranges = [float(np.ptp(one.outputs(at(theta, e)))) for e, one in enumerate(runs)]
+        scales, ranges = self.candidate.scales, [float(np.ptp(x)) for x in signals_at(self.problem, [state], theta)]
         return 0.5 * max(ranges) or (scales.wire.reach if scales else 1.0)
 
     def _noise_gains(self, g: np.ndarray, m: np.ndarray) -> np.ndarray:
