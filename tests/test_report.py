@@ -73,7 +73,7 @@ compensator from the augmented model          1.00  0.300
 
 notes:
 - all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen
-  from its spectrum).
+  from its spectrum); 0.06–0.061 deg rms was removed.
 - half: x_in was held constant where it rests (3 % of the samples).
 - the plant was started anew.
 - Random seed 3; the search was completed.
@@ -352,7 +352,8 @@ def test_one_experiment_says_nothing_of_new_ones():
 
 def test_notes_of_several_experiments_are_gathered():
     assert merged_notes(NOTES, ("full", "half"))[0] == (
-        "all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen from its spectrum)."
+        "all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen from its spectrum); "
+        "0.06–0.061 deg rms was removed."
     )
     same = ["a: kept 3 of 5.", "b: kept 3 of 5.", "other: kept 3 of 5."]
     days = [f"{name}: Zeit was read as seconds since 2026-11-{day} 14:03:07." for name, day in (("a", 22), ("b", 23))]

@@ -10,6 +10,7 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError
+from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.units import heading
 from tsmblocks.data.grid import refuse_not_finite, refuse_uneven
 
@@ -141,7 +142,8 @@ def filtered(
             notes.append(f"{name} was not filtered: its spectrum shows no noise.")
             continue
         signals[name] = low_pass(self[name], self.step, chosen, order)
-        notes.append(f"{name} was filtered with zero phase, {_cutoff_text(chosen, cutoff)}.")
+        gone = _rms_text(self[name] - signals[name], self.unit(name))
+        notes.append(f"{name} was filtered with zero phase, {_cutoff_text(chosen, cutoff)}; {gone} was removed.")
     return self._changed(*notes, signals=signals)
 
 
@@ -196,6 +198,12 @@ def differentiated(
 
 def _cutoff_text(chosen: float, given: float | None) -> str:
     return f"cut-off {chosen:.4g} Hz" + ("" if given else " (chosen from its spectrum)")
+
+
+def _rms_text(x: np.ndarray, unit: str) -> str:
+    """The rms value of a signal in words, angles in degrees: ``0.061 deg rms``."""
+    scale, shown = units.display_unit(unit)
+    return " ".join((to_digits(scale * float(np.sqrt(np.mean(x**2)))), *shown.split(), "rms"))
 
 
 def _refuse(record: Record, cutoff: float | None, order: int, what: str) -> None:

@@ -122,6 +122,7 @@ def _rate_dependence_trials(scales: Scales) -> Trials | None:
 
 FREQUENCY = Size("natural frequency", lambda p, _: p["omega"] / (2 * math.pi), "Hz")
 DAMPING = in_proportion("damping ratio", "zeta", "")
+MODAL_GAIN = Size("modal gain", lambda p, _: math.hypot(p["gain"], p["rate_gain"]), "{u}/{x}")
 TIME_CONSTANT = in_proportion("time constant", "time_constant", "ms", MILLISECONDS)
 TIME_CONSTANT_OF_EACH = attrs.evolve(TIME_CONSTANT, name="time constant of each")
 DEAD_TIME = Effect(
@@ -204,7 +205,7 @@ FURTHER_MODE = attrs.evolve(
     trials=_mode_trials,
     settled=(),
     variant="parallel",
-    sizes=(FREQUENCY, DAMPING),
+    sizes=(FREQUENCY, DAMPING, MODAL_GAIN),
 )
 EFFECTS = (
     DEAD_TIME,
