@@ -32,7 +32,7 @@ from tsmblocks.blocks import (
     ZeroOrderHold,
 )
 from tsmblocks.data.conditioning import all_conditioned, conditioned
-from tsmblocks.diagnosis.candidates import candidates, spectral_lines, wire_signals
+from tsmblocks.diagnosis.candidates import acts_on, candidates, spectral_lines, wire_signals
 from tsmblocks.diagnosis.cross_validation import (
     FOLD_COUNT,
     MIN_BLOCK_SAMPLES,
@@ -1034,3 +1034,15 @@ def test_clean_inputs_carry_nothing():
     records = recordings()
     assert propagated_input_noise(fitted(records=records), records, ["x_in"], 0) == pytest.approx(0.0, abs=1e-9)
     assert propagated_input_noise(fitted(records=records), records, [], 0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("unit", "of_tendons", "of_motions"),
+    [("deg", True, True), ("N", True, False), ("V", True, True), ("", True, True), ("K", False, False)],
+)
+def test_effects_of_mechanisms_are_not_looked_for_on_temperatures(unit, of_tendons, of_motions):
+    by_name = {one.name: one for one in catalogue() if one.place == "output"}
+    assert acts_on(by_name["capstan_friction"], unit) is of_tendons
+    assert acts_on(by_name["stribeck_friction"], unit) is of_tendons
+    assert acts_on(by_name["position_ripple"], unit) is of_motions
+    assert acts_on(by_name["backlash"], unit)

@@ -14,7 +14,7 @@ from tsmblocks.common.errors import AlgebraicLoop, DiagramError, TsmError
 from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.common.tables import unique_names
-from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_no_motion, is_speed
+from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_no_motion, is_not_mechanical, is_speed
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.replacements import ReplacementPoint, replacements
@@ -215,7 +215,7 @@ def candidates(
             if (point.place, point.adds) != (effect.place, effect.adds) or (pieces and effect.local):
                 continue
             unit = base.unit(point.signal) or recorded.get(point.signal, "")
-            if effect.of_motion and (is_no_motion(unit) or is_speed(unit)):
+            if not acts_on(effect, unit):
                 continue
             scales = wires.scales(point)
             trials = _trials(effect, scales)
@@ -229,6 +229,13 @@ def candidates(
             if edited is not None:
                 found.append(Candidate(placed, point, name, edited, trials, scales))
     return found
+
+
+def acts_on(effect: Effect, unit: str) -> bool:
+    """Whether an effect is one of signals of this unit; of those without a unit each is."""
+    if effect.mechanical and is_not_mechanical(unit):
+        return False
+    return not effect.of_motion or not (is_no_motion(unit) or is_speed(unit))
 
 
 def _available_orders(model: Model) -> dict[str, float]:

@@ -28,7 +28,9 @@ SPEED_DIMENSIONS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
 """Dimensions of outputs that are speeds."""
 POSITION_DIMENSIONS = {parse(unit).dimension for unit in ("rad", "m")}
 """Dimensions of signals that are positions."""
-NO_MOTIONS = {parse(unit).dimension for unit in ("Pa", "K", "degC", "A", "N", "N*m", "W", "kg/s", "m^3/s")}
+NOT_MECHANICAL = {parse(unit).dimension for unit in ("Pa", "K", "degC", "A", "W", "kg/s", "m^3/s")}
+"""Dimensions of signals that are neither motions nor forces."""
+NO_MOTIONS = NOT_MECHANICAL | {parse(unit).dimension for unit in ("N", "N*m")}
 """Dimensions of signals that are no motions, so that nothing rubs, springs or ripples along them. Voltages are not
 among them: sensors of motions have them."""
 
@@ -281,6 +283,11 @@ def is_speed(unit: str) -> bool:
 def is_no_motion(unit: str) -> bool:
     """Whether a unit is known, and that of no motion."""
     return is_one_of(unit, NO_MOTIONS)
+
+
+def is_not_mechanical(unit: str) -> bool:
+    """Whether a unit is known, and that of neither a motion nor a force."""
+    return is_one_of(unit, NOT_MECHANICAL)
 
 
 def _positions(diagram: Diagram, speed: str) -> Iterator[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from tsmblocks.blocks import Bias
 from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.acceptance import MIN_EXCESS_SHARE
-from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.candidates import Candidate, acts_on
 from tsmblocks.diagnosis.critical_gains import critical_gains
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
@@ -173,5 +173,10 @@ def _names_with_a_place(diagnosed: DiagnosedPart, screened: SearchRound) -> set[
     points = insertion_points(
         diagram, settings.outputs, effects, {one.candidate.block for one in diagnosed.named}, measured
     )
-    places = {(point.place, point.adds) for point in points}
-    return {one.name for one in effects if (one.place, one.adds) in places}
+    units = {point: diagram.unit(point.signal) or measured.get(point.signal, "") for point in points}
+    return {
+        one.name
+        for one in effects
+        for point in points
+        if (one.place, one.adds) == (point.place, point.adds) and acts_on(one, units[point])
+    }

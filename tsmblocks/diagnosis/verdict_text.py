@@ -10,7 +10,15 @@ from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
 from tsmblocks.diagnosis.noise_floor import MAX_FINAL_FLOOR_RATIO
-from tsmblocks.diagnosis.presentation import by_removed, digits, display_unit, floor_text, main_sizes, output_traces
+from tsmblocks.diagnosis.presentation import (
+    by_removed,
+    digits,
+    display_unit,
+    floor_text,
+    in_display_units,
+    main_sizes,
+    output_traces,
+)
 from tsmblocks.diagnosis.rejection import LEAVES_MORE, NOT_ACCEPTED
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, RankedCandidate, Segment
@@ -97,7 +105,7 @@ def _if_held(segment: Segment) -> str:
     """A sentence on each dead time that is another if an input is held between samples."""
     return "".join(
         f" If {one.input} is held between samples (--hold {one.input}=zero), which fits as well, {one.block} is "
-        f"{digits(MILLISECONDS * one.time)} ms."
+        f"{in_display_units(MILLISECONDS * one.time, 'ms')}."
         for one in segment.delays_if_held
     )
 

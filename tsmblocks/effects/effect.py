@@ -108,6 +108,9 @@ class Effect:
         ``"speed"``, or ``"other"``.
     of_motion : bool, default False
         Whether it acts along a motion only, so that it is not looked for on a current, a force, a pressure or a speed.
+    mechanical : bool, default False
+        Whether it is one of moving parts or of forces, so that it is not looked for on a temperature, a pressure, a
+        current, a power or a flow.
     sharp : tuple of str, default ()
         Parameters that smooth a corner of its form: at their lower bound the corner is sharp, and its sizes hold.
     of_gain : bool, default False
@@ -157,6 +160,7 @@ class Effect:
     sizes: tuple[Size, ...] = attrs.field(default=(), repr=False)
     other_words: Mapping[str, str] = attrs.field(factory=dict, repr=False)
     of_motion: bool = False
+    mechanical: bool = False
     sharp: tuple[str, ...] = ()
     of_gain: bool = False
 

@@ -131,6 +131,7 @@ CAPSTAN = Effect(
     separates="small reversals at several positions",
     within=("mu", "pretension"),
     contains=("backlash",),
+    mechanical=True,
     sizes=(
         in_proportion("coefficient of friction times bend angle", "mu", ""),
         in_proportion("pretension", "pretension"),
@@ -219,6 +220,7 @@ STRIBECK = Effect(
     variant="transmission",
     within=("distance", "speed"),
     contains=("hysteresis",),
+    mechanical=True,
     sizes=(
         LOOP_WIDTH,
         in_proportion("additional width at low speed", "breakaway", factor=2.0),
