@@ -250,7 +250,9 @@ def removed(before, after, name, unit=np.rad2deg(1.0)):
 def test_filtering_says_what_it_did():
     x = record(T, {"x": "rad"}, x=noisy(0.02), y=noisy(0.02, 2))
     given_ = x.filtered("x", cutoff=12.5)
-    assert given_.notes == (f"x was filtered with zero phase, cut-off 12.5 Hz; {removed(x, given_, 'x')} deg rms was removed.",)
+    assert given_.notes == (
+        f"x was filtered with zero phase, cut-off 12.5 Hz; {removed(x, given_, 'x')} deg rms was removed.",
+    )
     np.testing.assert_array_equal(given_["y"], x["y"])
     chosen = choose_cutoff(x["y"], x.step)
     kept = x.filtered(["y"])
