@@ -243,7 +243,8 @@ def test_of_noise_alone_next_to_nothing_is_left(seed):
     assert np.std(low_pass(noise, 0.01, choose_cutoff(noise, 0.01))) < 0.2
 
 
-def removed(before, after, name, unit=np.rad2deg(1.0)):
+def removed(before, after, name):
+    unit = np.rad2deg(1.0) if before.unit(name) == "rad" else 1.0
     return f"{unit * np.std(before[name] - after[name]):.2g}"
 
 
@@ -258,7 +259,7 @@ def test_filtering_says_what_it_did():
     kept = x.filtered(["y"])
     assert kept.notes == (
         f"y was filtered with zero phase, cut-off {chosen:.4g} Hz (chosen from its spectrum); "
-        f"{removed(x, kept, 'y', unit=1.0)} rms was removed.",
+        f"{removed(x, kept, 'y')} rms was removed.",
     )
     assert x.filtered().unit("x") == "rad"
     assert x.notes == ()

@@ -53,6 +53,17 @@ def test_an_acceleration_is_a_force_at_the_input_of_the_gain_before_it(size, sig
     assert as_force(size, signal, diagram) == words
 
 
+def sliding(t, force, gain, friction):
+    """Places of a mass of 1/gain under a force and dry friction, in 50 steps of Euler's method a sample."""
+    step = (t[1] - t[0]) / 50
+    speed, places = 0.0, []
+    for drive in np.interp(step * np.arange(len(t) * 50), t, force):
+        places.append(places[-1] + step * speed if places else 0.0)
+        faster = speed + step * gain * drive
+        speed = np.sign(faster) * max(abs(faster) - step * gain * friction, 0.0)
+    return np.array(places[::50])
+
+
 def test_a_force_has_its_own_interval():
     """That of a fit of the same friction in N, since the estimates of mass and acceleration go together."""
     model = tsm.Diagram(
@@ -63,13 +74,7 @@ def test_a_force_has_its_own_interval():
     )
     t = 0.01 * np.arange(800)
     force = 3.0 * np.sin(2.1 * t) + 2.0 * np.sin(5.3 * t)
-    speed, places = 0.0, []
-    for k in range(len(t) * 50):  # steps of 0.2 ms: dry friction of 1 N on a mass of 2.5 kg
-        places.append(places[-1] + 2e-4 * speed if places else 0.0)
-        drive = np.interp(2e-4 * k, t, force)
-        faster = speed + 2e-4 * 0.4 * drive
-        speed = np.sign(faster) * max(abs(faster) - 2e-4 * 0.4 * 1.0, 0.0)
-    x = np.array(places[::50]) + np.random.default_rng(0).normal(0.0, 2e-4, t.size)
+    x = sliding(t, force, 0.4, 1.0) + np.random.default_rng(0).normal(0.0, 2e-4, t.size)
     record = tsm.Record("run", t, {"force": force, "x": x}, {"force": "N", "x": "m"})
     found = tsm.diagnose(model, record, free=["inertia.gain"], effects=["coulomb_friction"], hold="linear")
     (friction,) = found.effects
@@ -91,6 +96,30 @@ def test_a_force_has_its_own_interval():
     (level,) = (one for one in direct.estimates if one.name == "dry.level")
     assert value == pytest.approx(level.value, rel=2e-3)
     assert half == pytest.approx((level.high - level.low) / 2, rel=0.3)
+
+
+def test_a_force_is_not_stated_where_only_the_ratio_of_forces_is_determined():
+    """With an amplifier of unknown gain in front of the mass, twice the gain and twice the mass leave the same."""
+    t = 0.01 * np.arange(800)
+    command = 3.0 * np.sin(2.1 * t) + 2.0 * np.sin(5.3 * t)
+    x = sliding(t, command, 0.4, 1.0) + np.random.default_rng(0).normal(0.0, 2e-4, t.size)
+    record = tsm.Record("run", t, {"command": command, "x": x}, {"command": "V", "x": "m"})
+    model = tsm.Diagram(
+        blocks={
+            "amplifier": Gain(gain=1.2, unit="N"),
+            "inertia": Gain(gain=0.5, unit="m/s^2"),
+            "speed": Integrator(),
+            "place": Integrator(),
+        },
+        wires=["amplifier -> inertia -> speed -> place"],
+        inputs={"command": tsm.Inlet(("amplifier.u",), "V", "")},
+        outputs={"x": "place.y"},
+    )
+    effects = ["coulomb_friction"]
+    (friction,) = tsm.diagnose(model, record, effects=effects, hold="linear").effects
+    assert not friction.as_force
+    (friction,) = tsm.diagnose(model, record, free=["inertia.gain"], effects=effects, hold="linear").effects
+    assert "N at the input of inertia" in friction.as_force["friction"]
 
 
 def test_a_torque_belongs_to_an_angular_acceleration():

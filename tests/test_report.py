@@ -179,6 +179,23 @@ def test_the_verdict_none_says_how_close_the_noise_is():
     assert verdict_text.verdict_sentence(attrs.evolve(NONE, excess=0.01)).endswith("its noise floor 0.100.")
 
 
+def test_outliers_are_no_slow_noise():
+    """Without them the residual is within the noise, or so many times as large."""
+    (gap,) = NONE.gaps
+    wide = attrs.evolve(gap, held_out=(0.25 * DEG,), method="high frequencies", outliers=0.84)
+    within = attrs.evolve(NONE, gaps=(wide,))
+    assert wide.rest == pytest.approx(0.1 * DEG)
+    assert verdict_text.verdict_sentence(within).endswith(
+        "is 0.250 deg rms, its noise floor 0.100. Outliers hold 84 % of its mean square; the rest is within the noise."
+    )
+    assert "not all of the residual" not in verdict_text.verdict_sentence(within)
+    assert not next_steps(within)
+    above = attrs.evolve(NONE, gaps=(attrs.evolve(wide, held_out=(0.5 * DEG,)),))
+    said = verdict_text.verdict_sentence(above)
+    assert "Without outliers, which hold 84 % of its mean square, it is 2 times the noise floor (from" in said
+    assert said.endswith("are indistinguishable.")
+
+
 def test_no_coordinate_is_reported_when_none_predicts_the_residual():
     said = verdict_text.verdict_sentence(attrs.evolve(UNKNOWN, where=()))
     assert said.endswith("93 % is predicted from the recorded signals on held-out data.")

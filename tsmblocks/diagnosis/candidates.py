@@ -70,6 +70,11 @@ class Candidate:
         return tuple(f"{self.block}.{k}" for k in self.effect.local)
 
     @property
+    def corners(self) -> tuple[str, ...]:
+        """Full names of its parameters that smooth a corner: at their lower bound it is sharp."""
+        return tuple(f"{self.block}.{k}" for k in self.effect.sharp)
+
+    @property
     def replaced(self) -> str:
         """The name of the block that is replaced; empty for an effect that adds a block."""
         return self.block if isinstance(self.effect, Replacement) else ""

@@ -7,7 +7,7 @@ For each part of the diagram (``_diagnosed``): filter the noise of inputs, estim
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -261,12 +261,13 @@ def _judged(
         count, final, left = 0, rounds[0].base, predicted
         varying = varying_factor(final, seed)
     notes = doubtful_floors(ready.floors, final.residual_rms, recorded_units(final.setup))
-    own = _notes_on(final, part.diagram, search.noise_variance if count and not interrupted else 0.0)
-    notes += [f"{part.name}: {text}" for text in [*own, *outlier_notes(final)]]
-    final = final if interrupted else with_plain_states(final)
+    found, final = final, final if interrupted else with_plain_states(final)
     judged = DiagnosedPart(
         part, search, ready.floors, rounds, count, final, predicted, left, varying, filtered=ready.filtered
     )
+    noise = search.noise_variance if count and not interrupted else 0.0
+    own = _notes_on(found, part.diagram, noise, [k for one in judged.named for k in one.candidate.corners])
+    notes += [f"{part.name}: {text}" for text in [*own, *outlier_notes(found)]]
     if not count and not judged.in_doubt:
         notes += [f"{part.name}: {text}" for text in notes_on_moved(final, part.diagram.parameters)]
     if interrupted:
@@ -309,7 +310,10 @@ def _at_fine_step(
         rounds, omitted = left, [*omitted, *gone]
 
 
-def _notes_on(final: Model, diagram: Diagram, noise_variance: float) -> list[str]:
-    """Notes on the parameters of the last model: limits, signs, and, with a noise variance, what may be exchanged."""
+def _notes_on(final: Model, diagram: Diagram, noise_variance: float, corners: Collection[str]) -> list[str]:
+    """Notes on the parameters of the last model: limits, signs, and, with a noise variance, what may be exchanged.
+
+    ``corners`` are smoothings, which are sharp at their lower limit.
+    """
     exchanged = exchange_notes(final, noise_variance) if noise_variance > 0 else []
-    return [*limit_notes(final), *flipped_gains(diagram.parameters, final.values), *exchanged]
+    return [*limit_notes(final, corners), *flipped_gains(diagram.parameters, final.values), *exchanged]

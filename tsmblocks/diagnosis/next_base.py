@@ -2,22 +2,66 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
+import attrs
+
 from tsmblocks.diagnosis.decision import Shrinkage, shrinkage_of
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
-from tsmblocks.diagnosis.model import Model, ModelSettings, converged, nearest, with_accurate_step, with_sufficient_step
+from tsmblocks.diagnosis.model import (
+    Model,
+    ModelSettings,
+    converged,
+    end_at,
+    model_at,
+    nearest,
+    with_accurate_step,
+    with_sufficient_step,
+)
 from tsmblocks.diagnosis.partition import ROUGH_ERROR
 
 LEAST_IMPROVEMENT = 0.9
 """Mean square after an optimisation beside a rough residual over that before, up to which it is repeated. Chosen: dry
 friction has many small steps downhill. Near the noise a fall by one variance of the residual counts."""
+SHARPER, MOST_SHARPENED = 5.0, 3
+"""By how much the bound of a smoothing is lowered, and how often. Chosen: each needs steps about as much shorter."""
+NEAR_BOUND = 1.05
+"""Value of a smoothing over its bound up to which it ended there. Chosen: its effect is next to linear in it."""
 NEAR_NOISE = 4.0
 """Mean square [noise variances] up to which a residual is near the noise. Chosen: an error of twice the noise."""
 
 
 def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:
     """The base of the next round, and the shrinkage of the effects in it."""
-    return at_optimum(named.model, settings), {**shrinkage, **shrinkage_of(named.candidate)}
+    model = sharpened(at_optimum(named.model, settings), named.candidate.corners, settings)
+    return model, {**shrinkage, **shrinkage_of(named.candidate)}
+
+
+def sharpened(model: Model, corners: Collection[str], settings: ModelSettings) -> Model:
+    """The model with ``corners`` (full names of parameters that smooth them) as sharp as the data ask for.
+
+    The bound of a smoothing keeps the step of the candidates long. Where the fit ends there, and leaves less with a
+    sharper corner at the step that this needs, the bound gives way: a creep where the mechanism sticks would else be
+    taken for an effect of its own.
+    """
+    for _ in range(MOST_SHARPENED):
+        unknowns, items = model.problem.unknowns, list(model.problem.unknowns.items)
+        at = [
+            k for k, item in enumerate(items) if item.parameter in corners and model.theta[k] <= NEAR_BOUND * item.low
+        ]
+        if not at:
+            break
+        theta = model.theta.copy()
+        for k in at:
+            items[k] = attrs.evolve(items[k], low=items[k].low / SHARPER)
+            theta[k] = NEAR_BOUND * items[k].low
+        problem = attrs.evolve(model.problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
+        sharper = at_optimum(model_at(problem, model.setup, end_at(problem, theta)), settings)
+        if not sharper.mean_square < _enough(model, model.mean_square) * model.mean_square:
+            break
+        model = sharper
+    return model
 
 
 def at_optimum(model: Model, settings: ModelSettings) -> Model:

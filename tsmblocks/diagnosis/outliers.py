@@ -35,9 +35,8 @@ def outlier_notes(model: Model) -> list[str]:
     notes, outputs = list[str](), model.setup.outputs
     for k, name in enumerate(outputs):
         own = list(zip(model.setup.experiments, model.problem.segments[k :: len(outputs)], strict=True))
-        parts = [model.r[rows] for _, rows in own]
-        share = share_of_outliers(parts)
-        if share < MIN_SHARE:
+        parts, share = [model.r[rows] for _, rows in own], reported_share(model, k)
+        if not share:
             continue
         where = [isolated_outliers(r) for r in parts]
         count, samples = sum(int(at.sum()) for at in where), sum(len(r) for r in parts)
@@ -50,6 +49,12 @@ def outlier_notes(model: Model) -> list[str]:
             f"{experiment.t[largest]:.6g} s of {experiment.name}: wrong readings, and no model error."
         )
     return notes
+
+
+def reported_share(model: Model, k: int) -> float:
+    """Share of the mean square of the residual of output ``k`` that outliers hold; 0 where that is little."""
+    share = share_of_outliers([model.r[rows] for rows in model.problem.segments[k :: len(model.setup.outputs)]])
+    return share if share >= MIN_SHARE else 0.0
 
 
 def share_of_outliers(parts: Sequence[np.ndarray]) -> float:

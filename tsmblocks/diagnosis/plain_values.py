@@ -69,6 +69,7 @@ def _gap(gap: Gap) -> dict[str, Any]:
         "train": {"before": gap.train[0], "after": gap.train[-1]},
         "held_out": {"before": gap.held_out[0], "after": gap.held_out[-1]},
         "steps": {"train": gap.train, "held_out": gap.held_out},
+        "outliers": gap.outliers,
         "experiments": gap.experiments,
     }
 

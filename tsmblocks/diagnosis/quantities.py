@@ -13,7 +13,7 @@ from tsmblocks.blocks import Gain
 from tsmblocks.common.units import display_unit, displayed_in, is_unit, parse, times
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.control_loops import in_front
-from tsmblocks.diagnosis.determined import uncertainty_of_effects
+from tsmblocks.diagnosis.determined import directions_without_effect, uncertainty_of_effects
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.plain_values import limit_quantity
 from tsmblocks.diagnosis.presentation import with_interval
@@ -21,11 +21,13 @@ from tsmblocks.diagnosis.segment import DetectionLimit, Quantity
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.effect import sizes_of
 from tsmblocks.effects.sizes import PERCENT
+from tsmblocks.fitting.identifiability import SMALL
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.parameters import numbers
 from tsmblocks.fitting.recordings import as_recorded
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.statistics import intervals, moved
+from tsmblocks.fitting.summary import unknown_sizes
 from tsmblocks.model.diagram import Diagram
 
 LEVEL = 0.95
@@ -201,19 +203,30 @@ class Estimate:
         for name, size in sizes.items():
             gain = _gain_of_force(size, candidate.point.signal, diagram)
             if gain and gain in own and "@" not in name:
-                size = self._over(candidate, name, own[gain], own)
+                over = self._over(candidate, name, own[gain], own)
+                if over is None:
+                    continue
+                size = over
             elif gain:
                 size = _divided(size, abs(diagram.parameters[gain]))
             if text := as_force(size, candidate.point.signal, diagram):
                 found[name] = text
         return found
 
-    def _over(self, candidate: Candidate, name: str, gain: int, own: Mapping[str, int]) -> Quantity:
-        """A size over the gain in a column, with its interval."""
+    def _over(self, candidate: Candidate, name: str, gain: int, own: Mapping[str, int]) -> Quantity | None:
+        """A size over the gain in a column, with its interval; None where values that fit as well give another one.
+
+        Of all forces in a model only the ratios may be determined, as where no force is measured.
+        """
         columns = {candidate.name_in_block(k): own[k] for k in candidate.free if k in own}
         value, unit, gradient = self._gradients(candidate, columns)[name]
         by, at = self.model.theta[gain], [*columns.values(), gain]
-        return self._quantity(_Size(value / abs(by), unit, np.append(gradient, -value / by) / abs(by), tuple(at)))
+        found = _Size(value / abs(by), unit, np.append(gradient, -value / by) / abs(by), tuple(at))
+        lengths = unknown_sizes(self.model.problem, self.model.theta, self.model.J)
+        moves = (lengths[:, None] * directions_without_effect(self.model))[at]
+        if np.abs(found.gradient @ moves).max(initial=0.0) > SMALL * abs(found.value):
+            return None
+        return self._quantity(found)
 
     def _sizes(self, candidate: Candidate, columns: Mapping[str, int]) -> dict[str, _Size]:
         """Sizes with the parameters in some columns."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import attrs
 import numpy as np
 
@@ -46,21 +48,26 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
         model = optimized(problem, setup, model.theta, FINE_TOLERANCE)
 
 
-def limit_notes(model: Model) -> list[str]:
-    """Limits that the parameters common to all experiments reached: bounds, and the limit of the step."""
+def limit_notes(model: Model, corners: Collection[str] = ()) -> list[str]:
+    """Limits that the parameters common to all experiments reached: bounds, and the limit of the step.
+
+    At the lower bound of one of ``corners`` (full names), which smooth a corner, that is sharp, and nothing is said.
+    """
     items, low = model.problem.unknowns.items, model.theta - model.problem.unknowns.low
     high, notes = model.problem.unknowns.high - model.theta, limit_note(model.problem, model.theta)
     for k in np.flatnonzero(model.at_bound & ~model.is_local):
         side, bound = ("lower", items[k].low) if low[k] <= high[k] else ("upper", items[k].high)
+        if side == "lower" and items[k].parameter in corners:
+            continue
         notes.append(f"{items[k].name} ended at its {side} bound ({bound:.4g} {items[k].unit}".rstrip() + ").")
     return notes
 
 
-def as_fit(model: Model, base: Model) -> Fit | None:
+def as_fit(model: Model, base: Model, corners: Collection[str] = ()) -> Fit | None:
     """The model as a result of ``tsm.fit``, with the uncertainty by which its effects are judged beside the ``base``.
 
-    Bounds of effects are those of the search: an interval that is wider than these may be narrow. None where the
-    parameters are ones that a fit refuses.
+    Bounds of effects are those of the search: an interval that is wider than these may be narrow; ``corners`` are sharp
+    at theirs, as for ``limit_notes``. None where the parameters are ones that a fit refuses.
     """
     found = end_at(model.problem, model.theta)
     known = uncertainty_of_effects(model, base) if len(model.r) > len(model.theta) else None
@@ -70,7 +77,8 @@ def as_fit(model: Model, base: Model) -> Fit | None:
         return None
     added = {e.name for e in fit if (e.high - e.low) / 2 <= abs(e.value)} - set(base.problem.unknowns.names)
     kept = tuple(one for one in fit.undetermined if one.kind != UNCERTAIN or added.isdisjoint(one.names))
-    return attrs.evolve(fit, undetermined=kept)
+    active = tuple(text for text in fit.active if "lower" not in text or set(corners).isdisjoint(text.split()))
+    return attrs.evolve(fit, undetermined=kept, active=active)
 
 
 def _active_bounds(model: Model) -> np.ndarray | None:

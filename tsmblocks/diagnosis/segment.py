@@ -105,6 +105,7 @@ class Gap:
     ``train`` and ``held_out`` hold that of the base and then one for each effect, ``experiments`` those held out by
     experiment. ``noise_floor`` is the noise of the output together with that caused by measured inputs. ``method`` is
     how it was estimated, ``given`` the text it was given by, if it was, ``parts`` what an estimate consists of.
+    ``outliers`` is the share of the last residual's mean square that outliers hold, 0 where they are not reported.
     """
 
     output: str
@@ -116,6 +117,12 @@ class Gap:
     experiments: Mapping[str, tuple[float, ...]]
     given: str = ""
     parts: FloorParts | None = None
+    outliers: float = 0.0
+
+    @property
+    def rest(self) -> float:
+        """The rms of the last residual on held-out data, without outliers."""
+        return self.held_out[-1] * (1 - self.outliers) ** 0.5
 
 
 @attrs.frozen

@@ -14,6 +14,7 @@ from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.discrimination import separating_experiment
 from tsmblocks.diagnosis.limits import detection_limits
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.outliers import reported_share
 from tsmblocks.diagnosis.partition import Part, experiment_of, in_whole_diagram, rows_of_experiments
 from tsmblocks.diagnosis.quantities import Estimate, recorded_units
 from tsmblocks.diagnosis.ranking import ranking
@@ -61,7 +62,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         _traces(diagnosed),
         ceiling,
         "",
-        as_fit(diagnosed.final, base),
+        as_fit(diagnosed.final, base, [k for one in diagnosed.named for k in one.candidate.corners]),
         complete=not (remains or diagnosed.leaves_unexamined),
         irregular=diagnosed.is_irregular,
         stopped=diagnosed.leaves_unexamined,
@@ -184,6 +185,7 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         {key: tuple(rms(r, some) for r in held) for key, some in groups.items()},
         given,
         _floor_parts(diagnosed, name),
+        reported_share(diagnosed.models[-1], i),
     )
 
 

@@ -68,7 +68,7 @@ def verdict_sentence(segment: Segment) -> str:
     slow = slow_noise(segment)
     known = ", but not all of the residual is known to be noise" if slow else ""
     none = f"No unmodelled effect {between} is detectable with these data{known}."
-    return f"{none} {_error(segment)}{slow or weak}{_implausible_floor(segment)}"
+    return f"{none} {_error(segment)}{slow or _outliers(worst_gap(segment)) or weak}{_implausible_floor(segment)}"
 
 
 def alternatives(effect: NamedEffect) -> list[str]:
@@ -153,6 +153,19 @@ def _no_other(segment: Segment) -> str:
     return "The one other effect tried does not fit as well." if count else "No other effect was tried."
 
 
+def _that(gap: Gap) -> str:
+    """How a sentence on the size of the last residual begins."""
+    share = percent(gap.outliers)
+    return f"Without outliers, which hold {share} of its mean square, it is" if gap.outliers else "That is"
+
+
+def _outliers(gap: Gap) -> str:
+    """A remark on a residual above the noise floor that is within it without its outliers."""
+    if not gap.outliers or not gap.held_out[-1] > REMAINING_ERROR_RATIO * gap.noise_floor >= gap.rest:
+        return ""
+    return f" Outliers hold {percent(gap.outliers)} of its mean square; the rest is within the noise."
+
+
 def _none_tried(segment: Segment) -> str:
     """The statement that no effect explains a residual, with the number of effects tried."""
     count = len(segment.effects_tried)
@@ -176,10 +189,10 @@ def _shape(segment: Segment) -> str:
 def slow_noise(segment: Segment) -> str:
     """A remark on a residual above the noise floor that is not predicted: slow noise, or a model error."""
     gap = worst_gap(segment)
-    if gap.given or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
+    if gap.given or not gap.rest > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
         return ""
     return (
-        f" That is {to_digits(gap.held_out[0] / gap.noise_floor)} times the noise floor ({floor_text(gap)}), but "
+        f" {_that(gap)} {to_digits(gap.rest / gap.noise_floor)} times the noise floor ({floor_text(gap)}), but "
         f"{UNPREDICTED} on held-out data: slow noise of that size and a model error of a form that was not tried are "
         "indistinguishable."
     )
@@ -268,9 +281,11 @@ def _noise_that_remains(gap: Gap) -> str:
     """Why a model is complete that leaves more than the noise floor."""
     k, unit = display_unit(gap.unit)
     floor = f"{digits(k * gap.noise_floor)} {unit}".rstrip()
-    ratio = gap.held_out[-1] / gap.noise_floor
+    if within := _outliers(gap):
+        return within.lstrip()
+    ratio = gap.rest / gap.noise_floor
     return (
-        f"That is {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}), but {UNPREDICTED} on "
+        f"{_that(gap)} {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}), but {UNPREDICTED} on "
         "held-out data: it is slow noise, or a model error of a form that was not tried."
     )
 
