@@ -20,7 +20,7 @@ class Page(HTMLParser):
     def handle_starttag(self, tag, attributes):
         self.seen.add(tag)
         places = [v for k, v in attributes if k in ("src", "href", "xlink:href", "data", "action")]
-        (self.links if tag == "a" else self.fetched).extend(places)
+        (self.links if tag == "a" else self.fetched).extend(one for one in places if not one.startswith("data:"))
         self.elements.append((tag, dict(attributes)))
         if tag not in self.VOID:
             self.open.append(tag)

@@ -525,7 +525,8 @@ def test_a_page_is_whole_and_fetches_nothing(name):
     assert found.open == []
     assert found.fetched == []
     assert [one for one in found.links if not one.startswith("#")] == ["diagnosis.json", "augmented.toml"]
-    assert not found.seen & {"script", "link", "iframe", "img", "object"}
+    assert not found.seen & {"script", "iframe", "img", "object"}
+    assert all('rel="icon" href="data:' in one for one in re.findall("<link[^>]*>", text))
     assert "url(" not in text
     assert "@import" not in text
     assert set(re.findall(r"https?://[^\"' )<]+", text)) <= {"http://www.w3.org/2000/svg"}

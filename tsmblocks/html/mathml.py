@@ -21,6 +21,16 @@ LONG = 30
 BRACE = re.compile(r'<mo[^>]*>(?:\{|&#x0007B;)</mo>\s*<mtable(?: class="[^"]*")?')
 
 
+BAR = re.compile(r'(<mo stretchy="false")(?=>&#x0007C;</mo>)>')
+"""A bar of an absolute value, which browsers take for an operator between two terms."""
+PLUS_MINUS = re.compile(r"<mi>&#x000B1;</mi>")
+FUNCTION = re.compile(
+    r"(</m(?:i|n|row|sub|sup|frac|subsup)>)?(?<!<msu[bp]>)(<mi>(?:a?cos|a?sin|a?tan|cosh|sinh|tanh|arctan|exp|log|ln|lg)</mi>)"
+    r"(<mrow>\s*<mo[^>]*>&#x00028;|<mo[^>]*>&#x00028;)?"
+)
+"""A function, what ends before it, and the bracket behind it."""
+
+
 def mathml(latex: str, *, block: bool = False) -> str:
     r"""A formula as a ``<math>`` element; rows end with ``\\`` and are aligned at ``&``."""
     rows = [_split(row.strip(), "&") for row in _split(ALIGNED.sub("", latex).strip(), r"\\")]
@@ -78,8 +88,17 @@ def _converted(latex: str) -> str:
     from latex2mathml.converter import convert
 
     made = re.sub(r"^<math[^>]*>|</math>$", "", convert(latex.strip() or "{}"))
+    made = FUNCTION.sub(_spaced, BAR.sub(r'\1 lspace="0" rspace="0">', made))
     # A brace grows with its cases only where a font for mathematics is installed; a line does so everywhere.
-    return BRACE.sub('<mtable class="cases"', made)
+    return BRACE.sub('<mtable class="cases"', PLUS_MINUS.sub("<mo>&#x000B1;</mo>", made))
+
+
+def _spaced(found: re.Match[str]) -> str:
+    """A function as browsers set no other name: with a thin space before it and, without brackets, behind it."""
+    before, name, behind = found.groups(default="")
+    space = '<mspace width="0.17em"/>'
+    first, last = space if before else "", "" if behind else space
+    return f"{before}{first}{name}<mo>&#x2061;</mo>{last}{behind}"
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -34,8 +34,7 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals["style"] = style
-    environment.globals["version"] = __version__
+    environment.globals |= {"style": style, "icon": Markup(ICON), "version": __version__}
     environment.filters |= {"sentence": sentence, "headings": headings, "with_ids": with_ids, "width": width}
     environment.tests["flush_left"] = lambda name: name.startswith(FLUSH_LEFT)
     return environment
@@ -54,6 +53,14 @@ def rendered(template: str, values: Mapping[str, Any]) -> str:
 def part(name: str, *arguments: Any) -> Markup:
     """The HTML that a macro of ``parts.html`` makes."""
     return getattr(_templates().get_template("parts.html").module, name)(*arguments)
+
+
+ICON = (
+    '<link rel="icon" href="data:image/svg+xml,'
+    "%3Csvg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'%3E%3Cpath d='M0 8h3m10 0h3M3 3h10v10H3z' "
+    "fill='none' stroke='%23888' stroke-width='2'/%3E%3C/svg%3E\">"
+)
+"""The icon of all pages in their heads: a block with its wires."""
 
 
 @functools.cache

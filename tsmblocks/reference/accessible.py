@@ -1,12 +1,15 @@
-"""What the theme leaves out for keyboards and screen readers: names of regions, a title, boxes that scroll by key."""
+"""What the theme leaves out: an icon; for keyboards and screen readers names of regions, boxes that scroll by key."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from tsmblocks.html.pages import ICON
+
 CHANGES = (
     ('<aside class="sidebar-drawer">', '<aside class="sidebar-drawer" aria-label="All pages">'),
     ('<aside class="toc-drawer', '<aside aria-label="On this page" class="toc-drawer'),
+    ("</title>", f"</title>{ICON}"),
     ("<pre>", '<pre tabindex="0">'),
     ('<div class="plot docutils container">', '<div tabindex="0" role="group" aria-label="plot" class="plot">'),
     ('<div class="table-wrapper', '<div tabindex="0" class="table-wrapper'),

@@ -77,5 +77,5 @@ def linked_picture(diagram: Diagram, up: str = "../") -> str:
             return found[0]
         return f'<a href="{up}blocks/{type(block).__name__}.html">{found[0]}</a>'
 
-    drawn = re.sub(r'<g class="[a-z]+" (data-block)="([^"]*)">.*?</g>', linked, to_svg(diagram))
-    return part("picture", drawn)
+    drawn = re.sub(r'<g class="[a-z]+" (data-block)="([^"]*)">.*?</g>', linked, to_svg(diagram), flags=re.DOTALL)
+    return part("picture", drawn.replace('role="img"', 'role="group"', 1))  # an image has no links inside
