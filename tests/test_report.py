@@ -372,6 +372,12 @@ def test_notes_of_several_experiments_are_gathered():
         "all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen from its spectrum); "
         "0.06–0.061 deg rms was removed."
     )
+    small = [
+        f"{name}: y was cut off at 3 Hz; {rms} V rms was removed." for name, rms in (("a", "4.1e-05"), ("b", "0.003"))
+    ]
+    assert merged_notes(small, ("a", "b")) == [
+        "all experiments: y was cut off at 3 Hz; 4.1e-05–0.003 V rms was removed."
+    ]
     same = ["a: kept 3 of 5.", "b: kept 3 of 5.", "other: kept 3 of 5."]
     days = [f"{name}: Zeit was read as seconds since 2026-11-{day} 14:03:07." for name, day in (("a", 22), ("b", 23))]
     assert merged_notes(days, ("a", "b")) == [

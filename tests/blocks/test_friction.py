@@ -126,7 +126,7 @@ def test_units_are_the_users_own():
             dict(level=-1),
         ),
         (
-            "CoulombFriction.smoothing must lie in (0, inf), got 0. It is: speed at which the sign changes.",
+            "CoulombFriction.smoothing must lie in (0, inf), got 0. It is: speed within which the force reverses.",
             CoulombFriction,
             dict(smoothing=0),
         ),

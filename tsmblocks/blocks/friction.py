@@ -42,7 +42,7 @@ class CoulombFriction(Block):
 
     level: float = parameter(default=0.02, about="friction while sliding", unit="?f", at_least=0.0)
     smoothing: float = parameter(
-        default=0.01, about="speed at which the sign changes", unit="?v", above=0.0, acts_at="v"
+        default=0.01, about="speed within which the force reverses", unit="?v", above=0.0, acts_at="v"
     )
     v = Input("sliding velocity", unit="?v")
     y = Output("friction to be overcome, positive for positive velocity", unit="?f")
@@ -71,7 +71,7 @@ class AsymmetricFriction(Block):
     viscous_positive: float = parameter(default=0.002, about="friction per velocity forwards", at_least=0.0)
     viscous_negative: float = parameter(default=0.0025, about="friction per velocity backwards", at_least=0.0)
     smoothing: float = parameter(
-        default=0.01, about="speed at which the sign changes", unit="?v", above=0.0, acts_at="v"
+        default=0.01, about="speed within which the force reverses", unit="?v", above=0.0, acts_at="v"
     )
 
     v = Input("sliding velocity", unit="?v")
@@ -141,7 +141,7 @@ class StribeckFriction(Block):
     )
     viscous: float = parameter(default=0.002, about="friction per velocity", at_least=0.0)
     smoothing: float = parameter(
-        default=0.01, about="speed at which the sign changes", unit="?v", above=0.0, acts_at="v"
+        default=0.01, about="speed within which the force reverses", unit="?v", above=0.0, acts_at="v"
     )
 
     v = Input("sliding velocity", unit="?v")

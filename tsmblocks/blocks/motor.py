@@ -59,8 +59,8 @@ class DCMotor(Block):
 
     The winding's time constant L/R of some 0.1 ms is far below a usual step. At 1 ms use an implicit method
     (``method="sdirk2"``): angle and speed are then accurate, and the peak of the current after a step is not. An
-    explicit method needs a step below 0.1 ms, or a choke in the line: with L = 5 mH rk4 is stable at 1 ms. In a file
-    without L, L is 5 mH, which keeps the meaning of earlier files.
+    explicit method needs a step below some 0.2 ms, or a choke in the line: with L = 5 mH rk4 is stable at 1 ms. In a
+    file without L, L is 5 mH, which keeps the meaning of earlier files.
     """
 
     source = "Franklin, Powell and Emami-Naeini, Feedback Control of Dynamic Systems, section 2.3"

@@ -167,7 +167,7 @@ SHARED: dict[str, dict[str, Any]] = {
         help="euler, heun, rk4 (default), or for stiff diagrams sdirk2, sdirk3, sdirk4",
         suggests=METHODS,
     ),
-    "--free": dict(metavar="PATTERN", help="parameters that may change, such as 'tsm.*' (default: all)", **SEVERAL),
+    "--free": dict(metavar="PATTERN", help="free parameters, such as 'tsm.*' (default: all but known ones)", **SEVERAL),
     "--outputs": dict(metavar="NAME", help="outputs that are compared (default: all that were measured)", **SEVERAL),
     "--window": dict(metavar="START:STOP", type=time_range, help="times in s that count (default: all)"),
     "--starts": dict(

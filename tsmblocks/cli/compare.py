@@ -43,7 +43,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--train", metavar="PART", type=common.share_or_time_range, help=train)
     add("--held-out", metavar="EXPERIMENT", default=[], help="experiments that are not fitted at all", **common.SEVERAL)
-    add("--free", metavar="PATTERN", help="parameters of the models that may change (default: all)", **common.SEVERAL)
+    add("--free", metavar="PATTERN", help="free parameters of the models (default: as for fit)", **common.SEVERAL)
     add("--each", action="store_true", help="fit every file separately")
     add("--starts", default=8)
     add("--seed", "--step", "--hold")

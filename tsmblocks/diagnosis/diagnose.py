@@ -89,7 +89,8 @@ def diagnose(
     experiments : Record, list of Record, mapping of str to Record, or path
         The recordings, as for ``tsm.fit``; several with different amplitudes and frequencies separate more effects.
     free : iterable of str, optional
-        Names or patterns of the parameters of the diagram that are fitted. Default: all but initial states.
+        Names or patterns of the parameters of the diagram that are fitted. Default: all but initial states
+        and those that a block declares as known.
     noise_floor : float, str or mapping of str to these, optional
         Rms noise of the outputs, one for all or by output: ``"0.06deg"``, ``{"x_out": "0.06deg"}``. A number is in the
         unit of the recordings, of the diagram and of all outputs, and refused where those differ. Default: estimated

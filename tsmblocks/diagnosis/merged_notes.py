@@ -9,7 +9,7 @@ from tsmblocks.common.tables import listed
 
 PLACEHOLDER = "\0"
 """Replaces each number while notes are compared."""
-_NUMBER = re.compile(r"(?:\d{4}-\d\d-\d\d )?\d\d:\d\d:\d\d(?:\.\d+)?|(?<![\w.])\d+(?:\.\d+)?(?![\w.]*\w)")
+_NUMBER = re.compile(r"(?:\d{4}-\d\d-\d\d )?\d\d:\d\d:\d\d(?:\.\d+)?|(?<![\w.])\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\w)")
 
 
 def merged_notes(notes: Sequence[str], experiments: Sequence[str]) -> list[str]:

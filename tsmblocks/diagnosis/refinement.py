@@ -51,7 +51,7 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
 def limit_notes(model: Model, corners: Collection[str] = ()) -> list[str]:
     """Limits that the parameters common to all experiments reached: bounds, and the limit of the step.
 
-    At the lower bound of one of ``corners`` (full names), which smooth a corner, that is sharp, and nothing is said.
+    At the lower bound of one of ``corners`` (full names), which smooth a corner, that is sharp, and no note is made.
     """
     items, low = model.problem.unknowns.items, model.theta - model.problem.unknowns.low
     high, notes = model.problem.unknowns.high - model.theta, limit_note(model.problem, model.theta)

@@ -128,6 +128,8 @@ class Replacement(Effect):
         Not used.
     of_motion : bool, default False
         Not used.
+    mechanical : bool, default False
+        Not used.
     sharp : tuple of str, default ()
         As for ``Effect``.
     of_gain : bool, default False

@@ -37,8 +37,8 @@ PLACES = {
     "mode": "on the wire of a measured output, where it reads the force or voltage that drives it",
     "parallel": "on the wire of a measured output, where it reads an input that acts on it through a lag or integrator",
     "drive": "on the wire that sets the output in motion (a force, a voltage)",
-    "load": "on the wire that sets the output in motion, where it reads the motion as well",
-    "brake": "on the wire that sets the output in motion, where that is a speed, which it reads as well",
+    "load": "on the force or the voltage that sets the output in motion; its speed it takes from the output",
+    "brake": "on the force or the voltage that sets the output in motion, where that is a speed",
     "transmission": "inside the model, on a wire with a position, from one part of a transmission to the next",
     "deflection": "on the deflection of an elastic part, the difference of two positions that its force moves",
 }
