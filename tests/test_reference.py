@@ -270,6 +270,15 @@ def test_links_lead_somewhere_and_nothing_is_loaded_from_elsewhere(site):
                 assert unquote(parts.fragment) in read(target).anchors, f"{path.name}: {address}"
 
 
+@pytest.mark.parametrize("page", ["index", "diagrams/tendon_sheath_play"])
+def test_blocks_in_a_drawing_lead_to_their_pages(site, page):
+    text = (site / f"{page}.html").read_text(encoding="utf-8")
+    (drawn,) = re.findall(r'<div class="picture.*?</svg>', text, re.DOTALL)
+    linked = re.findall(r'<a href="([^"]*blocks/\w+)\.html"><g class="\w+" data-block="', drawn)
+    assert len(linked) == len(re.findall("data-block=", drawn)) > 0
+    assert 'role="group"' in drawn  # an image has nothing inside that a key could reach
+
+
 def test_pages_have_one_title_headings_in_order_and_words_for_pictures(site):
     drawn = 0
     for path in site.rglob("*.html"):

@@ -176,3 +176,19 @@ def test_a_long_sum_goes_on_in_rows_and_brackets_stay_whole():
     assert "".join(rows).replace(r"&\quad {}", "") == f"y &= {right}"
     assert equation("y", "-a + b") == "y &= -a + b"
     assert equation("y", rf"\left({right}\right)") == rf"y &= \left({right}\right)"  # a product of brackets has no sum
+
+
+@pytest.mark.parametrize(
+    ("latex", "parts"),
+    [
+        (r"a \cos n u", ['<mi>a</mi><mspace width="0.17em"/><mi>cos</mi><mo>&#x2061;</mo><mspace width="0.17em"/>']),
+        (r"b \sin(n u)", ['<mspace width="0.17em"/><mi>sin</mi><mo>&#x2061;</mo><mo stretchy="false">&#x00028;</mo>']),
+        (r"\tanh\left(\frac{v}{w}\right)", ["<mrow><mi>tanh</mi><mo>&#x2061;</mo><mrow><mo"]),
+        (r"\sin^2 x", ["<msup><mi>sin</mi><mn>2</mn></msup>"]),
+        (r"|v|", 2 * ['<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>']),
+        (r"a \pm b", ["<mo>&#x000B1;</mo>"]),
+    ],
+)
+def test_functions_bars_and_signs_have_the_spaces_of_print(latex, parts):
+    made = mathml(latex)
+    assert all(made.count(part) == parts.count(part) for part in parts), made

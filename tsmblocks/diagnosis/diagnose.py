@@ -262,13 +262,13 @@ def _judged(
         count, final, left = 0, rounds[0].base, predicted
         varying = varying_factor(final, seed)
     notes = doubtful_floors(ready.floors, final.residual_rms, recorded_units(final.setup))
-    found, final = final, final if interrupted else with_plain_states(final)
+    last, final = final, final if interrupted else with_plain_states(final)
     judged = DiagnosedPart(
         part, search, ready.floors, rounds, count, final, predicted, left, varying, filtered=ready.filtered
     )
     noise = search.noise_variance if count and not interrupted else 0.0
-    own = _notes_on(found, part.diagram, noise, [k for one in judged.named for k in one.candidate.corners])
-    notes += [f"{part.name}: {text}" for text in [*own, *outlier_notes(found)]]
+    own = _notes_on(last, part.diagram, noise, [k for one in judged.named for k in one.candidate.corners])
+    notes += [f"{part.name}: {text}" for text in [*own, *outlier_notes(last)]]
     if not count and not judged.in_doubt:
         notes += [f"{part.name}: {text}" for text in notes_on_moved(final, part.diagram.parameters)]
     if interrupted:
