@@ -57,7 +57,7 @@ class Table:
 
     def named(self, one, model):
         return SimpleNamespace(
-            candidate=SimpleNamespace(effect=one),
+            candidate=SimpleNamespace(effect=one, corners=()),
             model=model,
             loss=self.loss(model),
             tenable=True,

@@ -24,6 +24,9 @@ ALONE = 0.999
 MAX_WIDENING = 10.0
 """Interval of a parameter of the base beside effects, over that without them, from which it is lost. Chosen: effects
 that share with it what it explains widen it by a few times."""
+ROUNDED = 1e6
+"""Interval of a parameter over its value from which only rounding makes it finite. Chosen: far beyond those of weak
+data, and below those seen of sums of 10,000 steps (1e8)."""
 MIN_EIGENVALUE_SHARE = 1e-10
 """Share of a correlation matrix's largest eigenvalue below which a direction is one with another. Chosen: rounding."""
 
@@ -92,6 +95,7 @@ def lost_parameters(model: Model, base: Model) -> list[str]:
 
     Their intervals are many times as wide as without the effects, and wider than their values: the effects do not add
     to the base then, but take its place. One that goes to zero since an effect explains more than it keeps its width.
+    One that a parameter of an effect makes up for exactly is redundant, not lost, even if rounding hides that.
     """
     before, after = (
         dict(zip(one.problem.unknowns.names, uncertainty_of_effects(one, base).errors, strict=True))
@@ -102,7 +106,8 @@ def lost_parameters(model: Model, base: Model) -> list[str]:
         name
         for name, local in zip(base.problem.unknowns.names, base.is_local, strict=True)
         if not local and name in known and np.isfinite(after[name]) and before[name] > 0
-        if after[name] > MAX_WIDENING * before[name] and INTERVAL * after[name] > abs(known[name])
+        if after[name] > MAX_WIDENING * before[name]
+        if 1 < INTERVAL * after[name] / max(abs(known[name]), before[name]) < ROUNDED
     ]
 
 

@@ -53,7 +53,7 @@ def sharpened(model: Model, corners: Collection[str], settings: ModelSettings) -
     sharper corner at the step that this needs, the bound gives way: a creep where the mechanism sticks would else be
     taken for an effect of its own.
     """
-    for _ in range(MOST_SHARPENED):
+    for _ in range(MOST_SHARPENED if corners else 0):
         unknowns, items = model.problem.unknowns, list(model.problem.unknowns.items)
         at = [
             k for k, item in enumerate(items) if item.parameter in corners and model.theta[k] <= NEAR_BOUND * item.low

@@ -15,9 +15,8 @@ from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.noise_model import ARModel, NoiseModels, fast_length, noise_models
 from tsmblocks.fitting.sample_sums import summed
 
-RANK = 1e-20
-"""Square of the smallest relative effect of a direction on the residuals that exceeds rounding, which some 10,000 steps
-have summed (seen: 6e-24). Chosen."""
+RANK = 1e-24
+"""Square of the smallest relative effect of a direction on the residuals that exceeds rounding. Chosen."""
 MIN_UNIDENTIFIABLE_SHARE = 1e-3
 """Share of a parameter in a direction without effect from which the parameter is not identifiable. Chosen."""
 LEAST_FREEDOM = 2.0
