@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
+from tsmblocks.blocks import FirstOrderLag
 from tsmblocks.common.errors import RunError
 from tsmblocks.diagnosis import candidate_fits, screened_candidates
 from tsmblocks.diagnosis.candidates import Candidate
+from tsmblocks.diagnosis.model import ModelSettings, end_at, model_at, pose_model
 
 sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from independent_cases import build
@@ -140,3 +142,39 @@ def test_a_candidate_is_known_by_its_effect_variant_and_place():
     assert known == key("dead_zone", "drive", "valve.u")
     assert known != key("dead_zone", "drive")
     assert known != key("dead_zone", before="valve.u")
+
+
+@pytest.mark.parametrize(
+    ("change", "of_base", "step", "depends"),
+    [
+        (3.2, 0.0, 0.5, True),
+        (np.inf, 0.0, 0.5, True),
+        (0.9, 0.0, 0.5, False),  # less than the noise
+        (3.2, 2.0, 0.5, False),  # the step does not suit the base either
+        (3.2, 0.0, None, False),  # the step follows the effect
+    ],
+)
+def test_what_changes_with_a_given_step_is_no_effect(monkeypatch, change, of_base, step, depends):
+    fitted, base = (SimpleNamespace(mean_square=size, change=by) for size, by in ((50.0, change), (110.0, of_base)))
+    monkeypatch.setattr(candidate_fits, "_change_by_halving", lambda model: model.change)
+    assert candidate_fits.depends_on_given_step(fitted, base, SimpleNamespace(step=step)) is depends
+
+
+def test_half_the_step_shows_a_lag_that_is_too_fast_for_it():
+    """Of rk4 at a step of 0.5 s: 0.2 s is close to where it is unstable, 5 s is followed to rounding."""
+    t = np.arange(0.0, 40.0, 0.5)
+    u = np.where(t % 10 < 5, 1.0, -1.0)
+    record = tsm.Record("r", t, {"u": u, "y": np.zeros(t.size)}, {"u": "V", "y": "V"})
+    settings = ModelSettings(None, {"y": 0.01}, ("y",), step=0.5, hold="zero")
+
+    def model(time_constant):
+        lag = tsm.Diagram(
+            blocks={"lag": FirstOrderLag(time_constant=time_constant)}, inputs={"u": "lag"}, outputs={"y": "lag"}
+        )
+        problem, setup = pose_model(lag, {"r": record}, settings, None)
+        return model_at(problem, setup, end_at(problem, problem.unknowns.start))
+
+    slow, fast = model(5.0), model(0.2)
+    assert candidate_fits.depends_on_given_step(fast, slow, settings)
+    assert not candidate_fits.depends_on_given_step(slow, slow, settings)
+    assert not candidate_fits.depends_on_given_step(fast, fast, settings)

@@ -8,7 +8,7 @@ from tsmblocks.common.errors import RunError
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import Shrinkage, fitted_candidate
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
-from tsmblocks.diagnosis.model import FINE_TOLERANCE, optimized
+from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, ModelSettings, optimized
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.fitting.step_size import halved
 
@@ -17,6 +17,12 @@ MOST_HALVINGS = 2
 FAILED_RATIO = 2.0
 """Held-out loss over that of the base from which a candidate that fits better than the base has failed. Chosen: a few
 parameters that overfit lose far less."""
+
+MAX_STEP_SHARE = 0.01
+"""Mean square of what halving a given step changes, over that of the residual, up to which a candidate may be named.
+Chosen: effects that the step suits change by less than 1e-6 of it."""
+MAX_STEP_RATIO = 2.0
+"""The same over that of the base, which the same step may not suit either. Chosen."""
 
 
 def at_sufficient_step(
@@ -41,6 +47,28 @@ def at_sufficient_step(
         if finer.loss <= FAILED_RATIO * base_loss:
             return finer
     return one
+
+
+def depends_on_given_step(fitted: Model, base: Model, settings: ModelSettings) -> bool:
+    """Whether halving a step that was given changes the residual of a candidate visibly, and more than the base's.
+
+    A part too stiff for the step, as a hard stop, is unstable where it acts: what it removes is no property of it.
+    Without a given step the model with the effect is fitted at a sufficient one.
+    """
+    if settings.step is None:
+        return False
+    change = _change_by_halving(fitted)
+    visible = not change <= max(1.0, MAX_STEP_SHARE * fitted.mean_square)
+    return visible and not change <= MAX_STEP_RATIO * _change_by_halving(base)
+
+
+def _change_by_halving(model: Model) -> float:
+    """Mean square of what halving the step changes in the residual of a model [noise variances]."""
+    try:
+        problem, _ = halved(model.problem, model.setup)
+    except RunError:  # more steps than fit into memory
+        return 0.0
+    return float(np.mean((problem.residuals(model.theta) - model.r) ** 2))
 
 
 def known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import attrs
 
 from tsmblocks.diagnosis.base_search import better_base
-from tsmblocks.diagnosis.candidate_fits import at_sufficient_step
+from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, depends_on_given_step
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.commands import OtherCommands
 from tsmblocks.diagnosis.critical_gains import critical_gains, critical_multiplicity, is_wandering
@@ -131,6 +131,8 @@ def _why_untenable(
         yield SHIFT_IN_TIME
     if switches_off(fitted, base, search.effects):
         yield "it replaces the model instead of adding to it"
+    if depends_on_given_step(fitted, base, search.settings):
+        yield "its fit depends on the given step"
 
 
 def closing_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
