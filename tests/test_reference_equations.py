@@ -186,6 +186,7 @@ def test_a_long_sum_goes_on_in_rows_and_brackets_stay_whole():
         (r"\tanh\left(\frac{v}{w}\right)", ["<mrow><mi>tanh</mi><mo>&#x2061;</mo><mrow><mo"]),
         (r"\sin^2 x", ["<msup><mi>sin</mi><mn>2</mn></msup>"]),
         (r"|v|", 2 * ['<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>']),
+        (r"|v||w|", ['&#x0007C;</mo><mspace width="0.17em"/><mo stretchy="false" lspace="0" rspace="0">&#x0007C;']),
         (r"a \pm b", ["<mo>&#x000B1;</mo>"]),
     ],
 )

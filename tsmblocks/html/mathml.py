@@ -23,6 +23,8 @@ BRACE = re.compile(r'<mo[^>]*>(?:\{|&#x0007B;)</mo>\s*<mtable(?: class="[^"]*")?
 
 BAR = re.compile(r'(<mo stretchy="false")(?=>&#x0007C;</mo>)>')
 """A bar of an absolute value, which browsers take for an operator between two terms."""
+TWO_BARS = re.compile(r'(&#x0007C;</mo>)(?=<mo stretchy="false"[^>]*>&#x0007C;)')
+"""The end of one absolute value before another."""
 PLUS_MINUS = re.compile(r"<mi>&#x000B1;</mi>")
 FUNCTION = re.compile(
     r"(</m(?:i|n|row|sub|sup|frac|subsup)>)?(?<!<msu[bp]>)(<mi>(?:a?cos|a?sin|a?tan|cosh|sinh|tanh|arctan|exp|log|ln|lg)</mi>)"
@@ -88,7 +90,8 @@ def _converted(latex: str) -> str:
     from latex2mathml.converter import convert
 
     made = re.sub(r"^<math[^>]*>|</math>$", "", convert(latex.strip() or "{}"))
-    made = FUNCTION.sub(_spaced, BAR.sub(r'\1 lspace="0" rspace="0">', made))
+    made = TWO_BARS.sub(r'\1<mspace width="0.17em"/>', BAR.sub(r'\1 lspace="0" rspace="0">', made))
+    made = FUNCTION.sub(_spaced, made)
     # A brace grows with its cases only where a font for mathematics is installed; a line does so everywhere.
     return BRACE.sub('<mtable class="cases"', PLUS_MINUS.sub("<mo>&#x000B1;</mo>", made))
 
