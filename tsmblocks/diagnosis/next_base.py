@@ -34,6 +34,8 @@ HALVINGS = 3
 """How often the step is halved for a sharper corner. Chosen: beside it the motion is as much faster."""
 MOST_STEPS = 0.75 * FINEST
 """Steps between two samples from which they are not halved for a sharper corner. Chosen: for the run time."""
+MOST_IN_ALL = 500_000
+"""Steps of all experiments up to which they are halved for it. Chosen: for the run time."""
 NEAR_BOUND = 1.05
 """Value of a smoothing over its bound up to which it ended there. Chosen: its effect is next to linear in it."""
 NEAR_NOISE = 4.0
@@ -58,13 +60,13 @@ def sharpened(model: Model, corners: Collection[str], settings: ModelSettings) -
         at = [
             k for k, item in enumerate(items) if item.parameter in corners and model.theta[k] <= NEAR_BOUND * item.low
         ]
-        if not at:
+        problem, setup = _at_finer_step(model, settings) if at else (model.problem, model.setup)
+        if setup is model.setup:
             break
         theta = model.theta.copy()
         for k in at:
             items[k] = attrs.evolve(items[k], low=items[k].low / SHARPER)
             theta[k] = NEAR_BOUND * items[k].low
-        problem, setup = _at_finer_step(model, settings)
         problem = attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
         sharper = at_optimum(model_at(problem, setup, end_at(problem, theta)), settings)
         if not sharper.mean_square < _enough(model, model.mean_square) * model.mean_square:
@@ -77,7 +79,8 @@ def _at_finer_step(model: Model, settings: ModelSettings) -> tuple[Problem, Setu
     """The problem of a model at the step that a sharper corner needs, as far as steps are refined."""
     problem, setup = model.problem, model.setup
     for _ in range(HALVINGS):
-        if settings.step is not None or any(e.record.step > MOST_STEPS * e.times.h for e in setup.experiments):
+        fine = any(e.record.step > MOST_STEPS * e.times.h for e in setup.experiments)
+        if settings.step is not None or fine or 2 * sum(e.times.steps for e in setup.experiments) > MOST_IN_ALL:
             break
         try:
             problem, setup = halved(problem, setup)
