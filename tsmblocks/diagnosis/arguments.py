@@ -37,7 +37,8 @@ class Request:
     ``measured`` are the outputs compared; ``patterns`` the names of effects as they were given, None for all of the
     catalogue; ``noise_floors`` the given ones as (rms in the diagram's unit, text). ``spans`` holds the first and the
     last instant compared [s] of each experiment that is compared in part. ``adopted`` says which units the
-    diagram took over from the recordings.
+    diagram took over from the recordings. ``wrong_readings`` are notes on samples of the outputs that the residuals of
+    a part showed to be wrong, and that were interpolated since.
     """
 
     diagram: Diagram
@@ -50,6 +51,7 @@ class Request:
     condition: bool
     spans: Mapping[str, tuple[float, float]]
     adopted: tuple[str, ...] = ()
+    wrong_readings: tuple[str, ...] = ()
 
     @property
     def notes(self) -> list[str]:

@@ -178,10 +178,12 @@ def diagnose(
             if progress is not None:
                 progress(stage, count, of)
 
-        parts = iter(partition(request.diagram, request.measured))
+        parts, given = iter(partition(request.diagram, request.measured)), request
         while not interrupted and (part := next(parts, None)) is not None:
             try:
-                one, interrupted, more = _diagnosed(prepared(part, request, report), report)
+                ready = prepared(part, given, report)
+                given = attrs.evolve(ready.request, wrong_readings=())  # an output may be an input of the next part
+                one, interrupted, more = _diagnosed(ready, report)
                 done.append(one)
                 notes += more
             except KeyboardInterrupt:  # before the first candidates of this part were fitted
@@ -242,7 +244,11 @@ def _diagnosed(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPa
             final = rounds[count := determined_count(rounds, accepted_count(rounds, search))].base
         found, final_notes = _judged(ready, search, rounds, count, final, predicted, interrupted)
     notes = [f"{part.name}: {text}" for text in ([] if found.count < count else notes)]
-    return attrs.evolve(found, omitted=omitted), interrupted, [*ready.notes, *notes, *final_notes]
+    return (
+        attrs.evolve(found, omitted=omitted),
+        interrupted,
+        [*request.wrong_readings, *ready.notes, *notes, *final_notes],
+    )
 
 
 def _judged(

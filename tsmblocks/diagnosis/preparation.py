@@ -42,6 +42,7 @@ from tsmblocks.diagnosis.partition import (
     within_windows,
 )
 from tsmblocks.diagnosis.signs import with_signs
+from tsmblocks.diagnosis.wrong_readings import without_wrong_readings
 from tsmblocks.fitting.held_inputs import CLEAR, MAX_DISTANCE
 from tsmblocks.fitting.holds import common_holds, hold_notes, in_one_word, resolved_holds
 from tsmblocks.simulation.compiled import equations
@@ -123,8 +124,15 @@ class Prepared:
 
 
 def prepared(part: Part, request: Request, progress: ProgressCallback, commands: Commands = NO_COMMANDS) -> Prepared:
-    """The recordings prepared and the base fitted; ``commands`` are those that are known already."""
+    """The recordings prepared and the base fitted; ``commands`` are those that are known already.
+
+    Wrong readings that the base shows have no weight in what follows.
+    """
     found = _with_commands(part, request, progress, commands)
+    records, notes = without_wrong_readings(found.base, request.records)
+    if notes:
+        request = attrs.evolve(request, records=records, wrong_readings=(*request.wrong_readings, *notes))
+        found = _with_commands(part, request, progress, commands)
     if more := found.commands_of(found.base, ROUGH_DISTANCE):
         other = prepared(part, request, progress, commands.joined(more))
         doubtful = more.held and found.commands_of(found.base, SHARP_DISTANCE, SHARP_CLEAR).held != more.held

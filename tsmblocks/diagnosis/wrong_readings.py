@@ -1,0 +1,149 @@
+"""Wrong readings of a sensor: single samples far off their neighbours. They have no weight, as samples not measured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import attrs
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tsmblocks.data import Record
+from tsmblocks.data.quantization import quantum_of
+from tsmblocks.data.table import plural
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.partition import experiment_of
+from tsmblocks.diagnosis.presentation import in_display_units
+from tsmblocks.fitting.experiments import Experiment
+from tsmblocks.fitting.recordings import as_recorded
+
+FARTHEST = 8.0
+"""Distance from the neighbours beyond which a sample of the residual is a wrong reading [median distance]. Chosen:
+more than five standard deviations of a normal one."""
+BESIDE = 3
+"""Neighbours on either side. Chosen: fewer show little of how far noise goes, and more of how the motion bends."""
+LOCAL_RATIO = 5.0
+"""The same over the range of the neighbours about their line. Chosen: at kinks and jumps it is 2 at most."""
+MIN_QUANTA = 4.0
+"""The same in steps of a quantised signal. Chosen: one that rests near the edge of a step flickers by one."""
+MAX_AT_JUMPS = 0.2
+"""Share of an input's jumps with such a sample, from which it is the answer to them. Chosen."""
+JUMP_RATIO = 6.0
+"""Change of an input from sample to sample that is a jump [median change]. Chosen: of a sine none is."""
+AFTER_JUMP = 3
+"""Samples from a jump on that may be the answer to it. Chosen: one for a delay, and one before and behind."""
+
+
+def off_neighbours(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far each sample (n,) is off the line through ``BESIDE`` on either side, and the range of these about it.
+
+    The line is the median one through a pair, and the neighbour farthest from it is not in the range: it may be a wrong
+    reading too. Samples with fewer neighbours are not off.
+    """
+    off, around = np.zeros(len(x)), np.full(len(x), np.inf)
+    if len(x) > 2 * BESIDE:
+        places = np.arange(1.0, BESIDE + 1)
+        windows = sliding_window_view(x, 2 * BESIDE + 1)
+        before, after = windows[:, BESIDE - 1 :: -1], windows[:, BESIDE + 1 :]
+        middle, slope = np.median((before + after) / 2, axis=1), np.median((after - before) / (2 * places), axis=1)
+        line = np.multiply.outer(slope, np.r_[-places, places])
+        rest = np.sort(np.hstack([before, after]) - middle[:, None] - line, axis=1)
+        off[BESIDE:-BESIDE] = windows[:, BESIDE] - middle
+        around[BESIDE:-BESIDE] = np.minimum(rest[:, -2] - rest[:, 0], rest[:, -1] - rest[:, 1])
+    return off, around
+
+
+def without_wrong_readings(base: Model, records: Mapping[str, Record]) -> tuple[dict[str, Record], list[str]]:
+    """The recordings with wrong readings of the outputs interpolated, without weight, and a note on each output.
+
+    A wrong reading is off its neighbours in the measured signal, and in the residual of the base, which follows fast
+    motion. Others are left as they are: those at the jumps of an input may be the answer to it.
+    """
+    found, notes = dict(records), list[str]()
+    for k, name in enumerate(base.setup.outputs):
+        marks, largest = _marks(base, k, records)
+        count = sum(int(mask.sum()) for mask in marks.values())
+        if not count:
+            continue
+        found = {key: _interpolated(one, name, marks[key]) if key in marks else one for key, one in found.items()}
+        notes.append(_note(name, count, sum(map(len, records.values())), largest, base, records))
+    return found, notes
+
+
+@attrs.frozen
+class _Largest:
+    """The wrong reading that is farthest off its neighbours: recording, instant [s] and distance."""
+
+    record: str
+    t: float
+    distance: float
+
+
+def _marks(base: Model, k: int, records: Mapping[str, Record]) -> tuple[dict[str, np.ndarray], _Largest]:
+    """Which samples of an output are wrong readings, by recording where there are some, and the largest."""
+    parts = list(zip(base.setup.experiments, base.problem.segments[k :: len(base.setup.outputs)], strict=True))
+    off = [off_neighbours(base.r[rows]) for _, rows in parts]
+    typical = float(np.median(np.abs(np.concatenate([one[0][BESIDE:-BESIDE] for one in off]))))
+    marks, largest = dict[str, np.ndarray](), _Largest("", 0.0, 0.0)
+    if not typical > 0:
+        return marks, largest
+    for (experiment, _), (distance, around) in zip(parts, off, strict=True):
+        far = np.abs(distance)
+        wrong = (far > FARTHEST * typical) & (far > LOCAL_RATIO * around) & _is_off_itself(experiment, k)
+        name = experiment_of(experiment.name)
+        wrong &= ~_is_answer(wrong, _jumps(experiment))
+        if not wrong.any():
+            continue
+        mask = marks.setdefault(name, np.zeros(len(records[name]), dtype=bool))
+        mask[np.searchsorted(records[name].t, experiment.t[wrong] - records[name].step / 2)] = True
+        own = np.where(wrong, np.abs(off_neighbours(experiment.measured[:, k])[0]), 0.0)
+        if (most := float(own.max())) > largest.distance:
+            largest = _Largest(name, float(experiment.t[int(own.argmax())]), most)
+    return marks, largest
+
+
+def _is_off_itself(experiment: Experiment, k: int) -> np.ndarray:
+    """Which samples of the measured output are off their neighbours, by more than its quantisation."""
+    y = experiment.measured[:, k]
+    distance, around = off_neighbours(y)
+    least = MIN_QUANTA * (quantum_of(y) or 0.0)
+    result: np.ndarray = (np.abs(distance) > LOCAL_RATIO * around) & (np.abs(distance) > least)
+    return result
+
+
+def _jumps(experiment: Experiment) -> list[np.ndarray]:
+    """The samples at which each input jumps."""
+    found = []
+    for name in experiment.hold:
+        change = np.abs(np.diff(np.interp(experiment.t, experiment.record.t, experiment.record[name])))
+        found.append(1 + np.flatnonzero(change > JUMP_RATIO * np.median(change)))
+    return found
+
+
+def _is_answer(wrong: np.ndarray, jumps: list[np.ndarray]) -> np.ndarray:
+    """Which samples may be the answer to jumps of an input, since there is one at many of them."""
+    result = np.zeros(len(wrong), dtype=bool)
+    for at in jumps:
+        near = np.minimum(at[:, None] + np.arange(AFTER_JUMP) - 1, len(wrong) - 1)
+        if len(at) and wrong[near].any(axis=1).mean() > MAX_AT_JUMPS:
+            result[near] = True
+    return result
+
+
+def _interpolated(record: Record, name: str, wrong: np.ndarray) -> Record:
+    """A recording with some samples of a signal interpolated linearly, and marked as not measured."""
+    x = np.where(wrong, np.interp(record.t, record.t[~wrong], record[name][~wrong]), record[name])
+    gone = wrong | np.asarray(record.filled.get(name, False))
+    return attrs.evolve(record, signals={**record.signals, name: x}, filled={**record.filled, name: gone})
+
+
+def _note(name: str, count: int, samples: int, largest: _Largest, base: Model, records: Mapping[str, Record]) -> str:
+    """A note on the wrong readings of an output."""
+    distance = in_display_units(largest.distance, as_recorded(base.diagram, name, records.values()))
+    one = count == 1
+    return (
+        f"{plural(count, 'sample')} of {name} ({100 * count / samples:.2g} %) "
+        f"{'is far off its neighbours,' if one else 'are far off their neighbours, the farthest'} at t = "
+        f"{largest.t:.6g} s of {largest.record} (by {distance}): taken for "
+        f"{'a wrong reading' if one else 'wrong readings'}, without weight."
+    )
