@@ -17,7 +17,7 @@ def fine():
     model = fitted(records=recordings())
     problem, setup = model.problem, model.setup
     for _ in range(3):
-        problem, setup = halved(problem, setup)
+        problem, setup = halved(problem, setup) or (problem, setup)
     return optimized(problem, setup, model.theta)
 
 

@@ -2,8 +2,9 @@ r"""Fit a diagram's parameters to recordings, with their confidence intervals.
 
 Each FILE is one experiment; its columns are matched by name to the diagram's
 inputs and outputs. By default all parameters are free but initial states and
-those that a block declares as known, within the limits of their blocks. Ctrl-C ends the search with
-the best parameters so far. Without --out and --plot nothing is written.
+those that a block declares as known, within the limits of their blocks.
+Ctrl-C ends the search with the best parameters so far. Without --out and
+--plot nothing is written.
 Terms of the result: the glossary of the reference (tsmblocks reference).
 
   tsmblocks fit tendon_sheath_play --data sheath.csv --out fitted.toml

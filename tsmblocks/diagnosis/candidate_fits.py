@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsmblocks.common.errors import RunError
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import Shrinkage, fitted_candidate
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
@@ -17,7 +16,6 @@ MOST_HALVINGS = 2
 FAILED_RATIO = 2.0
 """Held-out loss over that of the base from which a candidate that fits better than the base has failed. Chosen: a few
 parameters that overfit lose far less."""
-
 MAX_STEP_SHARE = 0.01
 """Mean square of what halving a given step changes, over that of the residual, up to which a candidate may be named.
 Chosen: effects that the step suits change by less than 1e-6 of it."""
@@ -38,11 +36,9 @@ def at_sufficient_step(
         return one
     finer = one
     for _ in range(MOST_HALVINGS):
-        try:
-            problem, setup = halved(finer.model.problem, finer.model.setup)
-        except RunError:  # more steps than fit into memory
+        if (half := halved(finer.model.problem, finer.model.setup)) is None:
             return one
-        model = optimized(problem, setup, finer.model.theta, FINE_TOLERANCE)
+        model = optimized(*half, finer.model.theta, FINE_TOLERANCE)
         finer = fitted_candidate(one.candidate, model, blocks, shrinkage, one.untenable)
         if finer.loss <= FAILED_RATIO * base_loss:
             return finer
@@ -64,11 +60,9 @@ def depends_on_given_step(fitted: Model, base: Model, settings: ModelSettings) -
 
 def _change_by_halving(model: Model) -> float:
     """Mean square of what halving the step changes in the residual of a model [noise variances]."""
-    try:
-        problem, _ = halved(model.problem, model.setup)
-    except RunError:  # more steps than fit into memory
+    if (half := halved(model.problem, model.setup)) is None:
         return 0.0
-    return float(np.mean((problem.residuals(model.theta) - model.r) ** 2))
+    return float(np.mean((half[0].residuals(model.theta) - model.r) ** 2))
 
 
 def known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:

@@ -273,7 +273,7 @@ def _judged(
         part, search, ready.floors, rounds, count, final, predicted, left, varying, filtered=ready.filtered
     )
     noise = search.noise_variance if count and not interrupted else 0.0
-    own = _notes_on(last, part.diagram, noise, [k for one in judged.named for k in one.candidate.corners])
+    own = _notes_on(last, part.diagram, noise, judged.corners)
     notes += [f"{part.name}: {text}" for text in [*own, *outlier_notes(last)]]
     if not count and not judged.in_doubt:
         notes += [f"{part.name}: {text}" for text in notes_on_moved(final, part.diagram.parameters)]

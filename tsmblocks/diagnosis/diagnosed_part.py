@@ -150,3 +150,8 @@ class DiagnosedPart:
     def named(self) -> list[FittedCandidate]:
         """The accepted effects."""
         return [one.verdict.named for one in self.rounds[: self.count] if one.verdict.named is not None]
+
+    @property
+    def corners(self) -> list[str]:
+        """Full names of the parameters of accepted effects that smooth a corner."""
+        return [name for one in self.named for name in one.candidate.corners]

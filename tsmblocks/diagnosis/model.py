@@ -9,7 +9,6 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import RunError
 from tsmblocks.common.interpolation import AUTO, Hold
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.data import Record
@@ -192,10 +191,9 @@ def with_accurate_step(model: Model, settings: ModelSettings) -> Model:
     """
     while settings.step is None and all(one.record.step < FINEST * one.times.h for one in model.setup.experiments):
         checkpoint()
-        try:
-            problem, setup = halved(model.problem, model.setup)
-        except RunError:  # more steps than fit into memory
+        if (half := halved(model.problem, model.setup)) is None:
             return model
+        problem, setup = half
         change, allowed = problem.residuals(model.theta) - model.r, MAX_STEP_ERROR * max(model.mean_square, 1.0)
         if not np.isfinite(change).all() or float(np.mean(change**2)) <= allowed:
             return model
@@ -306,7 +304,7 @@ def _with_own_bounds(problem: Problem, items: Iterable[Unknown]) -> Problem:
         if one.name in own:
             low, high = own[one.name].low, own[one.name].high
             every[k] = attrs.evolve(one, low=low, high=high, start=min(max(one.start, low), high))
-    return attrs.evolve(problem, unknowns=attrs.evolve(problem.unknowns, items=tuple(every)))
+    return problem.with_items(every)
 
 
 def _initial_lists(diagram: Diagram) -> list[str]:

@@ -6,7 +6,6 @@ from collections.abc import Collection
 
 import attrs
 
-from tsmblocks.common.errors import RunError
 from tsmblocks.diagnosis.decision import Shrinkage, shrinkage_of
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
@@ -52,22 +51,18 @@ def sharpened(model: Model, corners: Collection[str], settings: ModelSettings) -
     """The model with ``corners`` (full names of parameters that smooth them) as sharp as the data ask for.
 
     The bound of a smoothing keeps the step of the candidates long. Where the fit ends there, and leaves less with a
-    sharper corner at the step that this needs, the bound gives way: a creep where the mechanism sticks would else be
-    taken for an effect of its own.
+    sharper corner at the step that this needs, the bound gives way: the creep of a smooth corner, where the mechanism
+    sticks, would else be named as a further effect.
     """
-    for _ in range(MOST_SHARPENED if corners else 0):
-        unknowns, items = model.problem.unknowns, list(model.problem.unknowns.items)
-        at = [
-            k for k, item in enumerate(items) if item.parameter in corners and model.theta[k] <= NEAR_BOUND * item.low
-        ]
-        problem, setup = _at_finer_step(model, settings) if at else (model.problem, model.setup)
-        if setup is model.setup:
+    for _ in range(MOST_SHARPENED):
+        items, theta = list(model.problem.unknowns.items), model.theta.copy()
+        at = [k for k, item in enumerate(items) if item.parameter in corners and theta[k] <= NEAR_BOUND * item.low]
+        if not at or (fine := _at_finer_step(model, settings)) is None:
             break
-        theta = model.theta.copy()
         for k in at:
             items[k] = attrs.evolve(items[k], low=items[k].low / SHARPER)
             theta[k] = NEAR_BOUND * items[k].low
-        problem = attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
+        problem, setup = fine[0].with_items(items), fine[1]
         sharper = at_optimum(model_at(problem, setup, end_at(problem, theta)), settings)
         if not sharper.mean_square < _enough(model, model.mean_square) * model.mean_square:
             break
@@ -75,18 +70,17 @@ def sharpened(model: Model, corners: Collection[str], settings: ModelSettings) -
     return model
 
 
-def _at_finer_step(model: Model, settings: ModelSettings) -> tuple[Problem, Setup]:
-    """The problem of a model at the step that a sharper corner needs, as far as steps are refined."""
-    problem, setup = model.problem, model.setup
-    for _ in range(HALVINGS):
+def _at_finer_step(model: Model, settings: ModelSettings) -> tuple[Problem, Setup] | None:
+    """The problem of a model at the step that a sharper corner needs, or nearer to it; None where none is finer."""
+    found, setup = None, model.setup
+    for _ in range(0 if settings.step is not None else HALVINGS):
         fine = any(e.record.step > MOST_STEPS * e.times.h for e in setup.experiments)
-        if settings.step is not None or fine or 2 * sum(e.times.steps for e in setup.experiments) > MOST_IN_ALL:
+        if fine or 2 * sum(e.times.steps for e in setup.experiments) > MOST_IN_ALL:
             break
-        try:
-            problem, setup = halved(problem, setup)
-        except RunError:  # more steps than fit into memory
+        if (half := halved(*(found or (model.problem, setup)))) is None:
             break
-    return problem, setup
+        found, setup = half, half[1]
+    return found
 
 
 def at_optimum(model: Model, settings: ModelSettings) -> Model:

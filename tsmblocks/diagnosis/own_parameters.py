@@ -31,8 +31,7 @@ def at_own_parameters(model: Model) -> Model | None:
     if not (is_rough(model) or _has_moved_far(model)):
         return None
     unknowns = model.problem.unknowns
-    items = [one if one.experiment else _fixed(one) for one in unknowns.items]
-    fixed = attrs.evolve(model.problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
+    fixed = model.problem.with_items(one if one.experiment else _fixed(one) for one in unknowns.items)
     starts = (unknowns.start, np.where(unknowns.is_local, model.theta, unknowns.start))
     costs = [model.problem.cost(start) for start in starts]
     best = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))

@@ -7,7 +7,7 @@ from collections.abc import Collection
 import attrs
 import numpy as np
 
-from tsmblocks.common.errors import RunError, TsmError
+from tsmblocks.common.errors import TsmError
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.diagnosis.determined import uncertainty_of_effects
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, end_at, optimized
@@ -31,10 +31,9 @@ def with_fine_step(model: Model, given: bool) -> tuple[Model, list[str]]:
         return model, []
     while True:
         checkpoint()
-        try:
-            problem, setup = halved(model.problem, model.setup)
-        except RunError:  # more steps than fit into memory
+        if (half := halved(model.problem, model.setup)) is None:
             return model, []
+        problem, setup = half
         estimate = uncertainty(model.J, model.r, model.problem.segments, held=_active_bounds(model))
         low, high = intervals(model.theta, estimate.covariance, estimate.freedom)
         off = shifts(model.r, problem.residuals(model.theta), model.J, (high - low) / 2, held=_active_bounds(model))

@@ -62,13 +62,13 @@ def _better_start(problem: Problem, one: ShapeTrial) -> np.ndarray:
 
 def _with_narrow_bounds(problem: Problem, candidate: Candidate, best: ShapeTrial) -> Problem:
     """The problem with bounds on a refined shape close to its values: the problem is nonsmooth in it."""
-    name, unknowns = f"{candidate.block}.{candidate.trials.refine}", problem.unknowns
-    items, distance = list(unknowns.items), PINNING_WIDTHS * candidate.transition_time
-    for k, item in enumerate(unknowns.items):
+    name = f"{candidate.block}.{candidate.trials.refine}"
+    items, distance = list(problem.unknowns.items), PINNING_WIDTHS * candidate.transition_time
+    for k, item in enumerate(items):
         if item.parameter == name:
             value = float(best.theta[k])
             items[k] = attrs.evolve(item, low=max(value - distance, item.low), high=min(value + distance, item.high))
-    return attrs.evolve(problem, unknowns=attrs.evolve(unknowns, items=tuple(items)))
+    return problem.with_items(items)
 
 
 def _is_distinct(one: ShapeTrial, best: ShapeTrial, base: ColumnSpace) -> bool:

@@ -62,7 +62,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         _traces(diagnosed),
         ceiling,
         "",
-        as_fit(diagnosed.final, base, [k for one in diagnosed.named for k in one.candidate.corners]),
+        as_fit(diagnosed.final, base, diagnosed.corners),
         complete=not (remains or diagnosed.leaves_unexamined),
         irregular=diagnosed.is_irregular,
         stopped=diagnosed.leaves_unexamined,

@@ -62,10 +62,8 @@ def resolving_holds(problem: Problem, setup: Setup, name: str) -> tuple[Problem,
     """
     if name not in setup.eq.delayed_inputs or all(one.hold[name] == "zero" for one in setup.experiments):
         return None
-    try:
-        return halved(*halved(problem, setup))
-    except RunError:
-        return None
+    half = halved(problem, setup)
+    return None if half is None else halved(*half)
 
 
 @attrs.frozen

@@ -19,7 +19,7 @@ from tsmblocks.fitting import runs
 from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import products, square
 from tsmblocks.fitting.jacobian import Jacobian
-from tsmblocks.fitting.parameter_vector import Constraints, Unknowns
+from tsmblocks.fitting.parameter_vector import Constraints, Unknown, Unknowns
 
 ROUNDING = 1e-12
 """Rounding of simulated outputs relative to the measured signals. Chosen."""
@@ -61,6 +61,10 @@ class Problem:
     def _measured_size(self) -> float:
         total = sum(square((experiment.measured * self.weights).ravel()) for experiment in self.experiments)
         return float(np.sqrt(total / max(self.samples, 1)))
+
+    def with_items(self, items: Iterable[Unknown]) -> Problem:
+        """The same problem with other starts or bounds of its unknowns, in their order."""
+        return attrs.evolve(self, unknowns=attrs.evolve(self.unknowns, items=tuple(items)))
 
     @property
     def rounding(self) -> float:

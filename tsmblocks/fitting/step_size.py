@@ -30,13 +30,16 @@ FAR = 100.0
 """Such a change above which no figure is reported, only that it is larger. Chosen."""
 
 
-def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup]:
-    """The same problem simulated at half its step. Raises RunError where that makes too many steps."""
+def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup] | None:
+    """The same problem simulated at half its step; None where that makes more steps than fit into memory."""
     finer = setup.finer or [None] * len(setup.experiments)
-    fine = tuple(
-        half or setup.prepared(e, step=experiment.times.h / 2)
-        for e, (experiment, half) in enumerate(zip(setup.experiments, finer, strict=True))
-    )
+    try:
+        fine = tuple(
+            half or setup.prepared(e, step=experiment.times.h / 2)
+            for e, (experiment, half) in enumerate(zip(setup.experiments, finer, strict=True))
+        )
+    except RunError:
+        return None
     return attrs.evolve(problem, experiments=fine), attrs.evolve(setup, experiments=fine, finer=())
 
 
@@ -65,10 +68,9 @@ def following(
     for _ in range(MOST_HALVINGS):
         if end.status == "interrupted" or not state_at_limit(problem, end.theta):
             return problem, setup, end
-        try:
-            problem, setup = halved(problem, setup)
-        except RunError:  # more steps than fit into memory
+        if (fine := halved(problem, setup)) is None:
             return first
+        problem, setup = fine
         if not np.isfinite(problem.cost(end.theta)):
             return first
         end = search(problem, end.theta)

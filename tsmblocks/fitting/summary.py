@@ -183,11 +183,9 @@ def _optimum(
 
 def _step_notes(problem: Problem, setup: Setup, at: _Optimum) -> list[str]:
     """Warnings where the confidence intervals do not cover the error of the step."""
-    try:
-        fine, _ = halved(problem, setup)
-    except RunError:  # more steps than fit into memory
+    if (fine := halved(problem, setup)) is None:
         return []
-    return shift_note(problem.unknowns.names, _moved(at, fine.residuals(at.theta)), setup.experiments[0].times.h)
+    return shift_note(problem.unknowns.names, _moved(at, fine[0].residuals(at.theta)), setup.experiments[0].times.h)
 
 
 def _is_far(setup: Setup, differences: Differences) -> bool:

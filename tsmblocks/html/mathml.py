@@ -19,8 +19,8 @@ WIDEST = 50
 LONG = 30
 """Characters above which an inline formula is in a box that scrolls. Chosen: as wide as a phone."""
 BRACE = re.compile(r'<mo[^>]*>(?:\{|&#x0007B;)</mo>\s*<mtable(?: class="[^"]*")?')
-
-
+THIN = '<mspace width="0.17em"/>'
+"""A thin space."""
 BAR = re.compile(r'(<mo stretchy="false")(?=>&#x0007C;</mo>)>')
 """A bar of an absolute value, which browsers take for an operator between two terms."""
 TWO_BARS = re.compile(r'(&#x0007C;</mo>)(?=<mo stretchy="false"[^>]*>&#x0007C;)')
@@ -90,7 +90,7 @@ def _converted(latex: str) -> str:
     from latex2mathml.converter import convert
 
     made = re.sub(r"^<math[^>]*>|</math>$", "", convert(latex.strip() or "{}"))
-    made = TWO_BARS.sub(r'\1<mspace width="0.17em"/>', BAR.sub(r'\1 lspace="0" rspace="0">', made))
+    made = TWO_BARS.sub(rf"\1{THIN}", BAR.sub(r'\1 lspace="0" rspace="0">', made))
     made = FUNCTION.sub(_spaced, made)
     # A brace grows with its cases only where a font for mathematics is installed; a line does so everywhere.
     return BRACE.sub('<mtable class="cases"', PLUS_MINUS.sub("<mo>&#x000B1;</mo>", made))
@@ -99,8 +99,7 @@ def _converted(latex: str) -> str:
 def _spaced(found: re.Match[str]) -> str:
     """A function as browsers set no other name: with a thin space before it and, without brackets, behind it."""
     before, name, behind = found.groups(default="")
-    space = '<mspace width="0.17em"/>'
-    first, last = space if before else "", "" if behind else space
+    first, last = THIN if before else "", "" if behind else THIN
     return f"{before}{first}{name}<mo>&#x2061;</mo>{last}{behind}"
 
 

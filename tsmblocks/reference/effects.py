@@ -37,7 +37,7 @@ PLACES = {
     "mode": "on the wire of a measured output, where it reads the force or voltage that drives it",
     "parallel": "on the wire of a measured output, where it reads an input that acts on it through a lag or integrator",
     "drive": "on the wire that sets the output in motion (a force, a voltage)",
-    "load": "on the force or the voltage that sets the output in motion; its speed it takes from the output",
+    "load": "on the force or the voltage that sets the output in motion; it reads the motion of the output",
     "brake": "on the force or the voltage that sets the output in motion, where that is a speed",
     "transmission": "inside the model, on a wire with a position, from one part of a transmission to the next",
     "deflection": "on the deflection of an elastic part, the difference of two positions that its force moves",
