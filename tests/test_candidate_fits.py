@@ -9,7 +9,6 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks.blocks import FirstOrderLag
-from tsmblocks.common.errors import RunError
 from tsmblocks.diagnosis import candidate_fits, screened_candidates
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.model import ModelSettings, end_at, model_at, pose_model
@@ -46,9 +45,7 @@ def halving(monkeypatch):
         losses = iter(finer)
 
         def halved(problem, setup):
-            if not finer:
-                raise RunError("too many steps")
-            return problem, setup
+            return (problem, setup) if finer else None  # more steps than fit into memory
 
         monkeypatch.setattr(candidate_fits, "halved", halved)
         monkeypatch.setattr(candidate_fits, "optimized", lambda *_: first.model)
