@@ -276,6 +276,15 @@ def test_refusals_say_what_to_do(run, words, message):
         assert err == f"tsmblocks: {message}\n"
 
 
+def test_a_refused_diagnosis_leaves_no_empty_folder(run, tmp_path):
+    words = (*BASE, "--outputs", "x_uot", "--out")
+    (tmp_path / "old").mkdir()
+    for folder in ("new", "old"):
+        assert run(*words, folder)[0] == 2
+    assert not (tmp_path / "new").exists()
+    assert (tmp_path / "old").is_dir()
+
+
 def test_an_output_without_noise_asks_for_the_floor(run):
     write("full.csv", X, 0 * X)
     status, out, err = run("tendon_sheath_linear", "--data", "full.csv", *FEW)
@@ -306,7 +315,7 @@ def stops(monkeypatch, stage, after=0):
 def test_ctrl_c_before_anything_was_found_says_so(run, monkeypatch, tmp_path):
     stops(monkeypatch, "calibrated")
     assert run(*BASE, *FEW, "--out", "found") == (130, "", "tsmblocks: stopped before everything was done.\n")
-    assert list((tmp_path / "found").iterdir()) == []
+    assert not (tmp_path / "found").exists()
 
 
 def test_ctrl_c_keeps_what_was_found(run, monkeypatch, tmp_path):

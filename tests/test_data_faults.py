@@ -77,10 +77,15 @@ FAULTS = {
         "or correct the file.",
     ),
     "text": ("t,x\n0,1\n1,off\n2,1\n3,1\n", "row 3, column 2 (x) holds 'off', which is not a number."),
+    "decimal commas between commas": (
+        "t,x\n0,0,1,5\n0,1,2,5\n0,2,2,5\n0,3,1,5\n",
+        "row 2 has 4 cells, but there are 2 columns (and 3 more such rows). Every row needs the same number of cells. "
+        "If these are numbers with a decimal comma, save them with semicolons between the cells.",
+    ),
     "no time": (
         csv(range(5), range(5), head="u,y"),
-        "no column is named t or time. Map t to the column that holds the time (there are u, y), or give the step "
-        "between rows in s (step=…, or --sampling).",
+        "no column is named t or time. Map t to the column that holds the time (there are u, y): "
+        "map={'t': 'COLUMN'}, or --map 't=COLUMN'. Or give the step between rows in s (step=…, or --sampling).",
     ),
     "several wrong times": (
         csv([*range(29), 3.5, *range(29, 49), 12.5, *range(49, 59)], range(61)),

@@ -447,6 +447,20 @@ def test_a_ring_of_unknown_units_is_nobody_s_fault():
         Diagram(blocks=late, wires=wires[::-1])
 
 
+@pytest.mark.parametrize("unit", ["mm", "rad"])
+def test_the_declared_unit_of_an_output_is_blamed_where_it_is_what_disagrees(unit):
+    blocks = dict(rate=Gain(unit="m/s"), travel=Integrator(), spring=Gain(unit="N"))
+    links = dict(blocks=blocks, wires=["rate -> travel -> spring"], inputs={"u": "rate"}, outputs={"x": "travel"})
+    with pytest.raises(DiagramError) as caught:
+        Diagram(**links, output_units={"x": unit})
+    said = str(caught.value)
+    assert f"rate.y -> travel.u joins m/s to {unit}/s." in said
+    assert f"travel.u is in {unit}/s because output 'x' is declared in {unit}." in said
+    assert said.endswith("recordings in other units are converted when they are read.")
+    assert "Convert" not in said
+    assert Diagram(**links, output_units={"x": "m"}).unit("travel.u") == "m/s"
+
+
 # ---- laws
 
 ANY = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])

@@ -23,6 +23,7 @@ def test_every_name_leads_to_a_block_and_is_none_itself():
     [
         ("Backlash", "there is no block type 'Backlash'. Its name here is 'Play'."),
         ("Transport Delay", "there is no block type 'Transport Delay'. Its name here is 'Delay'."),
+        ("Damper", "there is no block type 'Damper'. Its name here is 'ViscousFriction'."),
         ("gear", "there is no block type 'gear'. Its name here is 'Gain'."),
         ("White noise", "there is no block type 'White noise'. Its name here is 'Random'."),
         ("Comparator", "there is no block type 'Comparator'. Its name here is 'Comparison'."),

@@ -202,7 +202,7 @@ def test_a_word_of_a_name_is_nearer_than_a_name_spelt_much_alike():
     assert near("bias", ["offset.bias", "offset.gain", "basis"]) == " Did you mean 'offset.bias'?"
     assert near("gain", ["gains", "loop_gain"]) == " Did you mean 'gains'?"  # a letter off is nearer still
     assert near("sheath", sheaths).startswith(" Known here: ")  # a word of several says nothing
-    assert near("x", ["plant.x", "u"]) == " Known here: plant.x, u."  # and one letter is no word
+    assert near("x", ["plant.x", "u"]) == " Known here: u, plant.x."  # and one letter is no word
 
 
 def test_values_in_words_are_short_and_on_one_line():

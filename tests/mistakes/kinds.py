@@ -347,7 +347,7 @@ def linear_without_an_input():
     tsm.linearize(position_loop())
 
 
-@mistake(RunError, "no signal of diagram 'gain' is chosen: give outputs=[…]. Known here: k.y, u.")
+@mistake(RunError, "no signal of diagram 'gain' is chosen: give outputs=[…]. Known here: u, k.y.")
 def linear_without_an_output():
     tsm.linearize(Diagram(title="gain", blocks=dict(k=Gain()), inputs={"u": "k"}))
 

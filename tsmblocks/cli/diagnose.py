@@ -19,8 +19,9 @@ Terms of the result: the glossary of the reference (tsmblocks reference).
 from __future__ import annotations
 
 import argparse
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -83,10 +84,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Run the command; the exit status."""
+    with _folder(args.out) as folder:
+        return _diagnosed(args, folder, common.figure_path(args.plot))
+
+
+def _diagnosed(args: argparse.Namespace, folder: Path | None, plot: Path | None) -> int:
+    """Run the command with a folder to write into; the exit status."""
     from tsmblocks.diagnosis.diagnose import diagnose
     from tsmblocks.files import load
 
-    folder, plot = _folder(args.out), common.figure_path(args.plot)
     diagram = parameters.with_settings(load(args.diagram), args.settings)
     records = recordings.read_experiments(args, diagram, report=False)  # they are among the notes of the diagnosis
     names = ("free", "noise_floor", "effects", "outputs", "window", "condition", "seed", "step", "hold", "local")
@@ -102,18 +108,26 @@ def execute(args: argparse.Namespace) -> int:
     return common.finish(result, facts, partial(_save, result, folder), plot, args)
 
 
-def _folder(text: str | None) -> Path | None:
-    """The folder to write into, made before the search and not after it."""
+@contextlib.contextmanager
+def _folder(text: str | None) -> Iterator[Path | None]:
+    """The folder to write into, made before the search and not after it; removed where an error leaves it empty."""
     if text is None:
-        return None
+        yield None
+        return
     from tsmblocks.html.report_files import folder_for
 
     try:
         folder = folder_for(text)
     except TsmError as error:
         raise common.UsageError(f"--out: {error}") from None
+    made = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
-    return folder
+    try:
+        yield folder
+    finally:
+        if made:
+            with contextlib.suppress(OSError):  # it holds something
+                folder.rmdir()
 
 
 def _save(result: Diagnosis, folder: Path | None) -> list[str]:

@@ -163,8 +163,11 @@ def _printable(text: str) -> str:
 
 
 def near(name: object, known: Iterable[str], most: int = 8, otherwise: str = "") -> str:
-    """`` Did you mean 'x'?`` when a known name is close, otherwise the known names, followed by ``otherwise``."""
-    choices = sorted({str(k) for k in known})
+    """`` Did you mean 'x'?`` when a known name is close, otherwise the known names, followed by ``otherwise``.
+
+    Names without a dot come first, as those of the outputs of a diagram beside the ports of its blocks.
+    """
+    choices = sorted({str(k) for k in known}, key=lambda k: ("." in k, k))
     if close := nearest(name, choices):
         return f" Did you mean '{clip(close)}'?"
     return f"{known_here(choices, most)}{otherwise}"

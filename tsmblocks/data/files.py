@@ -354,7 +354,8 @@ def _time(source: Source, places: Mapping[str, int]) -> str:
         return ends[0]
     raise DataError(
         f"{source.origin}: no column is named t or time. Map t to the column that holds the time (there "
-        f"are {clip(', '.join(places))}), or give the step between rows in s (step=…, or --sampling)."
+        f"are {clip(', '.join(places))}): {map_argument('t')}. Or give the step between rows in s (step=…, "
+        "or --sampling)."
     )
 
 

@@ -171,6 +171,8 @@ class Text(Source):
             return
         k = bad[0]
         advice = "Every row needs the same number of cells."
+        if c == "," and (counts > len(self.headings)).all():
+            advice += " If these are numbers with a decimal comma, save them with semicolons between the cells."
         if len(bad) == 1 and k == len(at) - 1 > 0:
             advice = f"The file seems to have been cut while it was written: rows=(1, {at[k] - 1}) leaves that row out."
         raise DataError(

@@ -23,7 +23,7 @@ OTHER_NAMES: dict[str, tuple[str, ...]] = {
     "Encoder": ("Incremental encoder", "Rotary encoder"),
     "FilteredDerivative": ("DT1", "High pass", "High pass filter"),
     "FirstOrderLag": ("PT1", "Low pass", "Low pass filter"),
-    "Gain": ("Gear", "Gear ratio", "Gearbox", "Scale", "Proportional"),
+    "Gain": ("Gear", "Gear ratio", "Gearbox", "Scale", "Proportional", "Spring"),
     "Integrator": ("Integral", "1/s"),
     "LeadLag": ("Lead compensator", "Lag compensator", "Lead lag filter"),
     "Logic": ("Logical operator",),
@@ -52,6 +52,7 @@ OTHER_NAMES: dict[str, tuple[str, ...]] = {
     "Trigger": ("Triggered subsystem", "Trigger port", "Function call subsystem"),
     "TriggeredHold": ("Sample and hold",),
     "UnitDelay": ("Memory", "One sample delay", "Register"),
+    "ViscousFriction": ("Damper", "Dashpot", "Translational damper", "Rotational damper"),
     "ZeroOrderHold": ("ZOH", "Sampler"),
     "ZeroPoleGain": ("zpk", "Zero pole"),
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict, deque
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from tsmblocks.common import units
@@ -27,6 +28,10 @@ READABLE_LABELS = (  # noqa: SIM905
 ).split()
 """Labels tried first for an inferred unit."""
 DIMENSIONLESS = units.Unit(1.0, ())
+OUTPUT_ADVICE = (
+    "Correct the unit of the output or leave it out: recordings in other units are converted when they are read."
+)
+"""The remedy where the declared unit of an output made a wire join two units."""
 SI: Any = "SI"
 """The node of pure numbers, which every known unit is related to."""
 
@@ -94,6 +99,7 @@ class _Survey:
         self.labels: dict[End, str] = {}  # declared
         self.shared: list[tuple[Any, Any]] = []  # ports and the unknowns of their block
         self.faults: list[str] = []
+        self.outlets: dict[End, str] = {}  # ports whose unit is that of an output of the diagram -> the output
 
     def block(self, name: str, block: Any) -> None:
         """Add the ports of a block, or those of an inner diagram as they were inferred inside it."""
@@ -148,7 +154,8 @@ class _Survey:
             if not self.units.join(end, SI, units.parse(unit)):
                 other = f"output '{name}' is declared in {unit}, and its signal is in {self.label(end)}."
                 self.faults.append(placed(other, name))
-            self.labels.setdefault(end, unit)
+            if end not in self.labels:
+                self.labels[end], self.outlets[end] = unit, name
         except units.UnitError as error:
             self.faults.append(placed(f"output '{name}': {error}", name))
 
@@ -218,23 +225,33 @@ def _link_faults(survey: _Survey, links: list[Link], wrong: list[Link]) -> Itera
         beside[b].append(a)
     for link in wrong:
         source, target = survey.label(link.source), survey.label(link.target)
-        why = "".join(_reason(survey, beside, end) for end in (link.source, link.target))
-        yield placed(f"{link} joins {source} to {target}.{why} {_advice(source, target)}", link)
+        origins = [_origin(survey, beside, end) for end in (link.source, link.target)]
+        why = "".join(map(partial(_reason, survey), (link.source, link.target), origins))
+        advice = OUTPUT_ADVICE if any(end in survey.outlets for end in origins) else _advice(source, target)
+        yield placed(f"{link} joins {source} to {target}.{why} {advice}", link)
 
 
-def _reason(survey: _Survey, beside: Mapping[Any, list[Any]], end: End) -> str:
-    """The nearest port with a declared unit, from which a port without one has its unit, as a sentence."""
-    if end in survey.labels:
-        return ""
+def _origin(survey: _Survey, beside: Mapping[Any, list[Any]], end: End) -> Any:
+    """The nearest port with a declared unit, from which a port has its own; the port itself where none is known."""
     seen, queue = {end}, deque([end])
     while queue:
         node = queue.popleft()
         if node in survey.labels:
-            return f" {end_text(end)} is in {survey.label(end)} because {end_text(node)} is in {survey.labels[node]}."
+            return node
         more = [n for n in beside.get(node, ()) if n not in seen]
         seen.update(more)
         queue.extend(more)
-    return ""
+    return end
+
+
+def _reason(survey: _Survey, end: End, origin: Any) -> str:
+    """A sentence on where a port has its unit from, unless that is its own declaration."""
+    if origin in survey.outlets:
+        output, unit = survey.outlets[origin], survey.labels[origin]
+        return f" {end_text(end)} is in {survey.label(end)} because output '{output}' is declared in {unit}."
+    if origin == end:
+        return ""
+    return f" {end_text(end)} is in {survey.label(end)} because {end_text(origin)} is in {survey.labels[origin]}."
 
 
 def _advice(a: str, b: str) -> str:
