@@ -43,7 +43,9 @@ NEAR_NOISE = 4.0
 
 def next_base(named: FittedCandidate, shrinkage: Shrinkage, settings: ModelSettings) -> tuple[Model, Shrinkage]:
     """The base of the next round, and the shrinkage of the effects in it."""
-    model = sharpened(at_optimum(named.model, settings), named.candidate.corners, settings)
+    model = at_optimum(named.model, settings)
+    if corners := named.candidate.corners:
+        model = sharpened(model, corners, settings)
     return model, {**shrinkage, **shrinkage_of(named.candidate)}
 
 
