@@ -80,6 +80,8 @@ class Size:
             return times(over, "s", -1)
         if over == under:
             return ""
+        if not under:  # per a pure number
+            return over
         recorded = DisplayedUnit in {type(over), type(under)}
         return unit_over(over or "1", under) if recorded or under == "min" else f"{over or '1'}/{under}"
 
