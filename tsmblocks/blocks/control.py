@@ -99,8 +99,9 @@ class PID(Block):
 
     .. math:: y = k_P e + k_I \int e\,dt + k_D \frac{s}{1 + \tau s}\, e
 
-    The pure derivative of (15) is not proper, so it is filtered. Keep ``tau`` above about 0.36 of the step of the run.
-    By default the error passes unchanged; the paper's gains are kP = 1.5, kI = 2 and kD = 0.
+    The pure derivative of (15) is not proper, so it is filtered. Keep ``tau`` above about 0.36 of the step of the run:
+    below that the filter is unstable with rk4. By default the error passes unchanged; the paper's gains are kP = 1.5,
+    kI = 2 and kD = 0.
     """
 
     source = "Paper, Eq (15)"

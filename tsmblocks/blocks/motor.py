@@ -53,9 +53,11 @@ class DCMotor(Block):
         J \frac{d\omega}{dt} &= k_t i - b \omega - M_c \tanh(\omega / \omega_0) - M_{load} / N \\
         \dot y &= v = \omega / N
 
-    :math:`\omega` is the rotor's speed, N the gear ratio; one constant :math:`k_t` serves torque and back-EMF, as
-    conservation of energy requires. With ``load=True`` a port takes the torque that the output shaft has to overcome.
-    The numbers are typical of the class of motor.
+    :math:`\omega` is the rotor's speed and N the ``gear``; one constant :math:`k_t` serves torque and back-EMF, as
+    conservation of energy requires. The dry friction :math:`M_c` (``coulomb``) changes sign over the speed
+    :math:`\omega_0` (``smoothing``), and the brushes lose :math:`U_b` (``voltage_drop``), which builds up over the
+    current :math:`i_0` (``drop_current``). With ``load=True`` a port takes the torque that the output shaft has to
+    overcome. The numbers are typical of the class of motor.
 
     The winding's time constant L/R of some 0.1 ms is far below a usual step. At 1 ms use an implicit method
     (``method="sdirk2"``): angle and speed are then accurate, and the peak of the current after a step is not. An
@@ -75,7 +77,7 @@ class DCMotor(Block):
     b: float = parameter(default=2e-7, about="viscous friction at the rotor", unit="N*m*s/rad", at_least=0.0)
     gear: float = parameter(default=14.0, about="turns of the rotor per turn of the output shaft", above=0.0)
     coulomb: float = parameter(default=1e-3, about="dry friction at the rotor", unit="N*m", at_least=0.0)
-    smoothing: float = parameter(default=2.0, about="rotor speed over which it changes sign", unit="rad/s", above=0.0)
+    smoothing: float = parameter(default=2.0, about="rotor speed over which that changes sign", unit="rad/s", above=0.0)
     voltage_drop: float = parameter(default=0.3, about="voltage lost at the brushes", unit="V", at_least=0.0)
     drop_current: float = parameter(default=0.1, about="current over which that voltage builds up", unit="A", above=0.0)
     load: bool = option(default=False, about="whether there is a port for the load's torque")
