@@ -115,6 +115,16 @@ def test_the_last_digit_of_a_converter_that_flickers_is_no_wrong_reading():
     assert not note_of(tsm.diagnose(GAIN, tsm.Record("run", t, {"x_in": x, "x_out": y}, {}), effects=FEW))
 
 
+def test_a_single_sample_that_holds_little_keeps_its_weight():
+    """It may be the only one of a fast motion."""
+    first, *others = records(9)
+    at, noise = 150, float(np.std(np.diff(first["x_out"] - 0.9 * first["x_in"]))) / np.sqrt(2)
+    line = np.median([first["x_out"][[at - k, at + k]].mean() for k in (1, 2, 3)])
+    spike = spiked(first, at, line + 11 * noise - first["x_out"][at])
+    assert not note_of(tsm.diagnose(GAIN, [spike, *others], effects=FEW))
+    assert note_of(tsm.diagnose(GAIN, [spiked(spike, at, 60 * noise), *others], effects=FEW))
+
+
 def test_samples_that_were_missing_are_not_counted_again():
     first, *others = records(8)
     gone = np.zeros(len(first), dtype=bool)

@@ -12,9 +12,11 @@ from tsmblocks.data import Record
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.table import plural
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.outliers import MIN_SHARE
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.fitting.experiments import Experiment
+from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.recordings import as_recorded
 
 FARTHEST = 8.0
@@ -26,6 +28,8 @@ LOCAL_RATIO = 5.0
 """The same over the range of the neighbours about their line. Chosen: at kinks and jumps it is 2 at most."""
 MIN_QUANTA = 4.0
 """The same in steps of a quantised signal. Chosen: one that rests near the edge of a step flickers by one."""
+NORMAL = 1.4826
+"""Standard deviation of a normal variable [median distance]."""
 MAX_AT_JUMPS = 0.2
 """Share of an input's jumps with such a sample, from which it is the answer to them. Chosen."""
 JUMP_RATIO = 6.0
@@ -80,13 +84,16 @@ class _Largest:
 
 
 def _marks(base: Model, k: int, records: Mapping[str, Record]) -> tuple[dict[str, np.ndarray], _Largest]:
-    """Which samples of an output are wrong readings, by recording where there are some, and the largest."""
+    """Which samples of an output are wrong readings, by recording where there are some, and the largest.
+
+    There are none where those together hold little: a single one may be a fast motion, and hardly changes a fit.
+    """
     parts = list(zip(base.setup.experiments, base.problem.segments[k :: len(base.setup.outputs)], strict=True))
     off = [off_neighbours(base.r[rows]) for _, rows in parts]
     typical = float(np.median(np.abs(np.concatenate([one[0][BESIDE:-BESIDE] for one in off]))))
-    marks, largest = dict[str, np.ndarray](), _Largest("", 0.0, 0.0)
+    marks, largest, held = dict[str, np.ndarray](), _Largest("", 0.0, 0.0), 0.0
     if not typical > 0:
-        return marks, largest
+        return {}, largest
     for (experiment, _), (distance, around) in zip(parts, off, strict=True):
         far = np.abs(distance)
         wrong = (far > FARTHEST * typical) & (far > LOCAL_RATIO * around) & _is_off_itself(experiment, k)
@@ -94,12 +101,14 @@ def _marks(base: Model, k: int, records: Mapping[str, Record]) -> tuple[dict[str
         wrong &= ~_is_answer(wrong, _jumps(experiment))
         if not wrong.any():
             continue
+        held += square(far[wrong])
         mask = marks.setdefault(name, np.zeros(len(records[name]), dtype=bool))
         mask[np.searchsorted(records[name].t, experiment.t[wrong] - records[name].step / 2)] = True
         own = np.where(wrong, np.abs(off_neighbours(experiment.measured[:, k])[0]), 0.0)
         if (most := float(own.max())) > largest.distance:
             largest = _Largest(name, float(experiment.t[int(own.argmax())]), most)
-    return marks, largest
+    noise = sum(len(distance) for distance, _ in off) * (NORMAL * typical) ** 2
+    return (marks if held >= MIN_SHARE * noise else {}), largest
 
 
 def _is_off_itself(experiment: Experiment, k: int) -> np.ndarray:
