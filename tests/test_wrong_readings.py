@@ -97,6 +97,22 @@ def test_they_are_found_in_the_pieces_of_a_plant_that_integrates():
     assert note_of(found).startswith("4 samples of x (")
 
 
+def test_they_are_found_where_uneven_samples_are_interpolated_on_a_grid():
+    """The grid has a part of each wrong reading on either side of it."""
+    draw, runs = np.random.default_rng(11), []
+    for k in range(2):
+        t = 0.01 * (np.arange(2000) + draw.uniform(-0.15, 0.15, 2000))
+        x = np.sin(1.1 * t + k) + 0.4 * np.sin(4.3 * t)
+        y = 0.9 * x + 0.002 * draw.standard_normal(len(t))
+        drive = x + 0.01 * draw.standard_normal(len(t))
+        runs.append(spiked(tsm.Record(f"run {k}", t, {"x_in": drive, "x_out": y}, {}), [500, 777, 1400], 0.2))
+    found = tsm.diagnose(GAIN, runs, effects=FEW)
+    assert any("Resampled" in text for text in found.notes)
+    assert note_of(found).startswith("6 samples of x_out (")
+    (gap,) = found.segments[0].gaps
+    assert gap.outliers == 0
+
+
 def test_the_answer_to_jumps_of_an_input_is_no_wrong_reading():
     """A controller answers each step of its reference by one high sample; its model lacks that."""
     draw, t = np.random.default_rng(6), np.arange(0.0, 40.0, 0.02)

@@ -8,6 +8,7 @@ import attrs
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from tsmblocks.common.interpolation import interpolation
 from tsmblocks.data import Record
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.table import plural
@@ -15,7 +16,6 @@ from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.outliers import MIN_SHARE
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.presentation import in_display_units
-from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.recordings import as_recorded
 
@@ -83,50 +83,75 @@ class _Largest:
     distance: float
 
 
+@attrs.frozen(eq=False)
+class _Compared:
+    """The samples of an output in an experiment as they were recorded: their places in the recording, instants [s],
+    values, residual there, and the values of the inputs. The experiment may be on an even grid instead.
+    """
+
+    record: str
+    places: np.ndarray
+    t: np.ndarray
+    y: np.ndarray
+    r: np.ndarray
+    inputs: tuple[np.ndarray, ...]
+
+
+def _compared(base: Model, k: int, records: Mapping[str, Record]) -> list[_Compared]:
+    """The samples of an output in each experiment."""
+    found, name, weight = list[_Compared](), base.setup.outputs[k], base.problem.weights[k]
+    rows = base.problem.segments[k :: len(base.setup.outputs)]
+    for experiment, part in zip(base.setup.experiments, rows, strict=True):
+        own = experiment_of(experiment.name)
+        record, simulated = records[own], experiment.measured[:, k] + base.r[part] / weight
+        margin = 1e-6 * record.step
+        places = np.flatnonzero((record.t >= experiment.t[0] - margin) & (record.t <= experiment.t[-1] + margin))
+        t, y = record.t[places], record.values(name, base.diagram.unit(name))[places]
+        same = len(t) == len(experiment.t) and np.allclose(t, experiment.t, rtol=0, atol=margin)
+        r = (simulated if same else interpolation(experiment.t, simulated, "cubic")(t)) - y
+        inputs = tuple(record[one][places] for one in experiment.hold if one in record)
+        found.append(_Compared(own, places, t, y, r, inputs))
+    return found
+
+
 def _marks(base: Model, k: int, records: Mapping[str, Record]) -> tuple[dict[str, np.ndarray], _Largest]:
     """Which samples of an output are wrong readings, by recording where there are some, and the largest.
 
     There are none where those together hold little: a single one may be a fast motion, and hardly changes a fit.
     """
-    parts = list(zip(base.setup.experiments, base.problem.segments[k :: len(base.setup.outputs)], strict=True))
-    off = [off_neighbours(base.r[rows]) for _, rows in parts]
-    typical = float(np.median(np.abs(np.concatenate([one[0][BESIDE:-BESIDE] for one in off]))))
+    parts = _compared(base, k, records)
+    off = [off_neighbours(one.r) for one in parts]
+    typical = float(np.median(np.abs(np.concatenate([distance[BESIDE:-BESIDE] for distance, _ in off]))))
     marks, largest, held = dict[str, np.ndarray](), _Largest("", 0.0, 0.0), 0.0
     if not typical > 0:
         return {}, largest
-    for (experiment, _), (distance, around) in zip(parts, off, strict=True):
-        far = np.abs(distance)
-        wrong = (far > FARTHEST * typical) & (far > LOCAL_RATIO * around) & _is_off_itself(experiment, k)
-        name = experiment_of(experiment.name)
-        wrong &= ~_is_answer(wrong, _jumps(experiment))
+    for one, (distance, around) in zip(parts, off, strict=True):
+        far, itself = np.abs(distance), np.abs(off_neighbours(one.y)[0])
+        wrong = (far > FARTHEST * typical) & (far > LOCAL_RATIO * around) & _is_off_itself(one.y)
+        wrong &= ~_is_answer(wrong, [_jumps(x) for x in one.inputs])
         if not wrong.any():
             continue
         held += square(far[wrong])
-        mask = marks.setdefault(name, np.zeros(len(records[name]), dtype=bool))
-        mask[np.searchsorted(records[name].t, experiment.t[wrong] - records[name].step / 2)] = True
-        own = np.where(wrong, np.abs(off_neighbours(experiment.measured[:, k])[0]), 0.0)
-        if (most := float(own.max())) > largest.distance:
-            largest = _Largest(name, float(experiment.t[int(own.argmax())]), most)
+        mask = marks.setdefault(one.record, np.zeros(len(records[one.record]), dtype=bool))
+        mask[one.places[wrong]] = True
+        most = int(np.argmax(np.where(wrong, itself, 0.0)))
+        largest = max(largest, _Largest(one.record, float(one.t[most]), float(itself[most])), key=lambda x: x.distance)
     noise = sum(len(distance) for distance, _ in off) * (NORMAL * typical) ** 2
     return (marks if held >= MIN_SHARE * noise else {}), largest
 
 
-def _is_off_itself(experiment: Experiment, k: int) -> np.ndarray:
+def _is_off_itself(y: np.ndarray) -> np.ndarray:
     """Which samples of the measured output are off their neighbours, by more than its quantisation."""
-    y = experiment.measured[:, k]
     distance, around = off_neighbours(y)
     least = MIN_QUANTA * (quantum_of(y) or 0.0)
     result: np.ndarray = (np.abs(distance) > LOCAL_RATIO * around) & (np.abs(distance) > least)
     return result
 
 
-def _jumps(experiment: Experiment) -> list[np.ndarray]:
-    """The samples at which each input jumps."""
-    found = []
-    for name in experiment.hold:
-        change = np.abs(np.diff(np.interp(experiment.t, experiment.record.t, experiment.record[name])))
-        found.append(1 + np.flatnonzero(change > JUMP_RATIO * np.median(change)))
-    return found
+def _jumps(x: np.ndarray) -> np.ndarray:
+    """The samples at which an input jumps."""
+    change = np.abs(np.diff(x))
+    return 1 + np.flatnonzero(change > JUMP_RATIO * np.median(change)) if len(change) else np.zeros(0, dtype=int)
 
 
 def _is_answer(wrong: np.ndarray, jumps: list[np.ndarray]) -> np.ndarray:
