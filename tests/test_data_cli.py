@@ -49,7 +49,7 @@ def test_a_file_without_a_time_column(told, tmp_path):
     record, said = told("--data", path, "--sampling", "0.5")
     np.testing.assert_array_equal(record.t, T / 2)
     assert said == ""
-    with pytest.raises(DataError, match=r"or give the step between rows in s \(step=…, or --sampling\)"):
+    with pytest.raises(DataError, match=r"Or give the step of the rows in s \(step=…, or --sampling\)"):
         told("--data", path)
 
 

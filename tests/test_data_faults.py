@@ -85,7 +85,7 @@ FAULTS = {
     "no time": (
         csv(range(5), range(5), head="u,y"),
         "no column is named t or time. Map t to the column that holds the time (there are u, y): "
-        "map={'t': 'COLUMN'}, or --map 't=COLUMN'. Or give the step between rows in s (step=…, or --sampling).",
+        "map={'t': 'COLUMN'}, or --map 't=COLUMN'. Or give the step of the rows in s (step=…, or --sampling).",
     ),
     "several wrong times": (
         csv([*range(29), 3.5, *range(29, 49), 12.5, *range(49, 59)], range(61)),

@@ -174,7 +174,7 @@ def test_structure_without_time_needs_a_step(mat):
     np.testing.assert_array_equal(read(path, step=0.02)["x_in"], X)
     assert refusal(path) == (
         f"{path}: no column is named t or time. Map t to the column that holds the time (there are x_in): "
-        "map={'t': 'COLUMN'}, or --map 't=COLUMN'. Or give the step between rows in s (step=…, or --sampling)."
+        "map={'t': 'COLUMN'}, or --map 't=COLUMN'. Or give the step of the rows in s (step=…, or --sampling)."
     )
 
 

@@ -353,9 +353,8 @@ def _time(source: Source, places: Mapping[str, int]) -> str:
     if len(ends) == 1:
         return ends[0]
     raise DataError(
-        f"{source.origin}: no column is named t or time. Map t to the column that holds the time (there "
-        f"are {clip(', '.join(places))}): {map_argument('t')}. Or give the step between rows in s (step=…, "
-        "or --sampling)."
+        f"{source.origin}: no column is named t or time. Map t to the column that holds the time (there are "
+        f"{clip(', '.join(places))}): {map_argument('t')}. Or give the step of the rows in s (step=…, or --sampling)."
     )
 
 

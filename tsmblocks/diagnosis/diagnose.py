@@ -182,10 +182,8 @@ def diagnose(
         while not interrupted and (part := next(parts, None)) is not None:
             try:
                 ready = prepared(part, given, report)
-                given = attrs.evolve(ready.request, wrong_readings=())  # an output may be an input of the next part
                 one, interrupted, more = _diagnosed(ready, report)
-                done.append(one)
-                notes += more
+                done, notes, given = [*done, one], [*notes, *more], ready.request_of_next_part
             except KeyboardInterrupt:  # before the first candidates of this part were fitted
                 interrupted = True
         timed_out = interrupted and stop.timed_out and not stop.stop

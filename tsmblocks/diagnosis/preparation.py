@@ -103,6 +103,11 @@ class Prepared:
             raise OtherCommands(self.commands.joined(found))
 
     @property
+    def request_of_next_part(self) -> Request:
+        """The request with the recordings as they are known now: an output may be an input of the next part."""
+        return attrs.evolve(self.request, wrong_readings=())
+
+    @property
     def may_be_held(self) -> set[str]:
         """The inputs whose hold was not given, and is not known."""
         given = hold_of_each(self.request.settings.hold, list(self.request.diagram.inports))
