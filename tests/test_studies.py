@@ -596,7 +596,7 @@ REFUSED = {
         dict(plan=sweep({"time_constant": [1.0]})),
         "diagram 'lag' has no parameter 'time_constant'. Did you mean 'lag.time_constant'?",
     ),
-    "metric": (dict(metrics="rms(z)"), "metric: there is no signal 'z'. Known here: gain.y, lag.value, lag.y,"),
+    "metric": (dict(metrics="rms(z)"), "metric: there is no signal 'z'. Known here: t, y, gain.y, lag.value, lag.y,"),
     "no metric": (dict(metrics=None), "no metrics are given, and the diagram has no 'x_ref' with 'x_out', and no 'u'."),
     "no instant": (
         dict(metrics="rms(y, after=7)"),
