@@ -57,6 +57,13 @@ def test_a_second_wrong_reading_beside_it_hides_none():
     assert np.flatnonzero(np.abs(off) > LOCAL_RATIO * around).tolist() == [100, 103]
 
 
+def test_two_samples_beside_each_other_are_no_single_ones():
+    x = np.random.default_rng(3).standard_normal(200)
+    x[[100, 101, 150]] += 40.0
+    off, around = off_neighbours(x)
+    assert np.flatnonzero(np.abs(off) > LOCAL_RATIO * around).tolist() == [150]
+
+
 @pytest.mark.parametrize("count", [0, 1, 2 * BESIDE])
 def test_too_few_samples_have_no_neighbours(count):
     assert not off_neighbours(np.arange(float(count)) ** 2)[0].any()

@@ -46,7 +46,7 @@ def outlier_notes(model: Model) -> list[str]:
         notes.append(
             f"{plural(count, 'sample')} of {name} ({100 * count / samples:.2g} %) with {100 * share:.0f} % of the "
             f"residual's mean square {'is an outlier' if count == 1 else 'are outliers'}, the largest at t = "
-            f"{experiment.t[largest]:.6g} s of {experiment.name}: wrong readings, and no model error."
+            f"{experiment.t[largest]:.6g} s of {experiment.name}: wrong readings, or short events."
         )
     return notes
 

@@ -41,8 +41,8 @@ AFTER_JUMP = 3
 def off_neighbours(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far each sample (n,) is off the line through ``BESIDE`` on either side, and the range of these about it.
 
-    The line is the median one through a pair, and the neighbour farthest from it is not in the range: it may be a wrong
-    reading too. Samples with fewer neighbours are not off.
+    The line is the median one through a pair. Of the neighbours that do not adjoin the sample the farthest from it is
+    not in the range: it may be a wrong reading too. Samples with fewer neighbours are not off.
     """
     off, around = np.zeros(len(x)), np.full(len(x), np.inf)
     if len(x) > 2 * BESIDE:
@@ -51,9 +51,11 @@ def off_neighbours(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         before, after = windows[:, BESIDE - 1 :: -1], windows[:, BESIDE + 1 :]
         middle, slope = np.median((before + after) / 2, axis=1), np.median((after - before) / (2 * places), axis=1)
         line = np.multiply.outer(slope, np.r_[-places, places])
-        rest = np.sort(np.hstack([before, after]) - middle[:, None] - line, axis=1)
+        rest = np.hstack([before, after]) - middle[:, None] - line
+        beside, others = rest[:, [0, BESIDE]], np.sort(np.delete(rest, [0, BESIDE], axis=1), axis=1)
         off[BESIDE:-BESIDE] = windows[:, BESIDE] - middle
-        around[BESIDE:-BESIDE] = np.minimum(rest[:, -2] - rest[:, 0], rest[:, -1] - rest[:, 1])
+        without_one = [np.ptp(np.hstack([beside, some]), axis=1) for some in (others[:, 1:], others[:, :-1])]
+        around[BESIDE:-BESIDE] = np.minimum(*without_one)
     return off, around
 
 
