@@ -242,11 +242,8 @@ def _diagnosed(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPa
             final = rounds[count := determined_count(rounds, accepted_count(rounds, search))].base
         found, final_notes = _judged(ready, search, rounds, count, final, predicted, interrupted)
     notes = [f"{part.name}: {text}" for text in ([] if found.count < count else notes)]
-    return (
-        attrs.evolve(found, omitted=omitted),
-        interrupted,
-        [*request.wrong_readings, *ready.notes, *notes, *final_notes],
-    )
+    every = [*request.wrong_readings, *ready.notes, *notes, *final_notes]
+    return attrs.evolve(found, omitted=omitted), interrupted, every
 
 
 def _judged(

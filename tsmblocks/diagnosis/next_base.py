@@ -74,8 +74,10 @@ def sharpened(model: Model, corners: Collection[str], settings: ModelSettings) -
 
 def _at_finer_step(model: Model, settings: ModelSettings) -> tuple[Problem, Setup] | None:
     """The problem of a model at the step that a sharper corner needs, or nearer to it; None where none is finer."""
+    if settings.step is not None:
+        return None
     found, setup = None, model.setup
-    for _ in range(0 if settings.step is not None else HALVINGS):
+    for _ in range(HALVINGS):
         fine = any(e.record.step > MOST_STEPS * e.times.h for e in setup.experiments)
         if fine or 2 * sum(e.times.steps for e in setup.experiments) > MOST_IN_ALL:
             break

@@ -1,4 +1,4 @@
-"""Outliers of a residual: single samples far off their neighbours, which are wrong readings and no model error."""
+"""Outliers of a residual: single samples far off their neighbours, which are wrong readings or short events."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ from tsmblocks.common.interpolation import interpolation
 from tsmblocks.data import Record
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.table import plural
+from tsmblocks.diagnosis.decision import MAD_TO_STANDARD_DEVIATION
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.outliers import MIN_SHARE
 from tsmblocks.diagnosis.partition import experiment_of
@@ -28,8 +29,6 @@ LOCAL_RATIO = 5.0
 """The same over the range of the neighbours about their line. Chosen: at kinks and jumps it is 2 at most."""
 MIN_QUANTA = 4.0
 """The same in steps of a quantised signal. Chosen: one that rests near the edge of a step flickers by one."""
-NORMAL = 1.4826
-"""Standard deviation of a normal variable [median distance]."""
 MAX_AT_JUMPS = 0.2
 """Share of an input's jumps with such a sample, from which it is the answer to them. Chosen."""
 JUMP_RATIO = 6.0
@@ -128,26 +127,26 @@ def _marks(base: Model, k: int, records: Mapping[str, Record]) -> tuple[dict[str
     if not typical > 0:
         return {}, largest
     for one, (distance, around) in zip(parts, off, strict=True):
-        far, itself = np.abs(distance), np.abs(off_neighbours(one.y)[0])
-        wrong = (far > FARTHEST * typical) & (far > LOCAL_RATIO * around) & _is_off_itself(one.y)
-        wrong &= ~_is_answer(wrong, [_jumps(x) for x in one.inputs])
-        if not wrong.any():
+        far = _distances(one, (np.abs(distance) > FARTHEST * typical) & (np.abs(distance) > LOCAL_RATIO * around))
+        if not far.any():
             continue
-        held += square(far[wrong])
+        held += square(distance[far > 0])
         mask = marks.setdefault(one.record, np.zeros(len(records[one.record]), dtype=bool))
-        mask[one.places[wrong]] = True
-        most = int(np.argmax(np.where(wrong, itself, 0.0)))
-        largest = max(largest, _Largest(one.record, float(one.t[most]), float(itself[most])), key=lambda x: x.distance)
-    noise = sum(len(distance) for distance, _ in off) * (NORMAL * typical) ** 2
+        mask[one.places[far > 0]] = True
+        most = int(np.argmax(far))
+        largest = max(largest, _Largest(one.record, float(one.t[most]), float(far[most])), key=lambda x: x.distance)
+    noise = sum(len(distance) for distance, _ in off) * (MAD_TO_STANDARD_DEVIATION * typical) ** 2
     return (marks if held >= MIN_SHARE * noise else {}), largest
 
 
-def _is_off_itself(y: np.ndarray) -> np.ndarray:
-    """Which samples of the measured output are off their neighbours, by more than its quantisation."""
-    distance, around = off_neighbours(y)
-    least = MIN_QUANTA * (quantum_of(y) or 0.0)
-    result: np.ndarray = (np.abs(distance) > LOCAL_RATIO * around) & (np.abs(distance) > least)
-    return result
+def _distances(one: _Compared, off: np.ndarray) -> np.ndarray:
+    """How far the wrong readings among samples whose residual is ``off`` are off in the recording; 0 for all others."""
+    if not off.any():
+        return np.zeros(len(off))
+    far, around = off_neighbours(one.y)
+    far = np.abs(far)
+    wrong = off & (far > LOCAL_RATIO * around) & (far > MIN_QUANTA * (quantum_of(one.y) or 0.0))
+    return np.where(wrong & ~_is_answer(wrong, [_jumps(x) for x in one.inputs]), far, 0.0)
 
 
 def _jumps(x: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import defaultdict, deque
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Any
 
 from tsmblocks.common import units
@@ -225,9 +224,10 @@ def _link_faults(survey: _Survey, links: list[Link], wrong: list[Link]) -> Itera
         beside[b].append(a)
     for link in wrong:
         source, target = survey.label(link.source), survey.label(link.target)
-        origins = [_origin(survey, beside, end) for end in (link.source, link.target)]
-        why = "".join(map(partial(_reason, survey), (link.source, link.target), origins))
-        advice = OUTPUT_ADVICE if any(end in survey.outlets for end in origins) else _advice(source, target)
+        origins = {end: _origin(survey, beside, end) for end in (link.source, link.target)}
+        why = "".join(_reason(survey, end, origin) for end, origin in origins.items())
+        by_output = any(origin in survey.outlets for origin in origins.values())
+        advice = OUTPUT_ADVICE if by_output else _advice(source, target)
         yield placed(f"{link} joins {source} to {target}.{why} {advice}", link)
 
 
