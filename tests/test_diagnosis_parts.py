@@ -54,9 +54,9 @@ from tsmblocks.diagnosis.decision import (
     t_statistics,
 )
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
+from tsmblocks.diagnosis.input_noise import filtered_inputs, propagated_input_noise
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import ModelSettings, calibrate, optimized, pose_extended
-from tsmblocks.diagnosis.noise_floor import propagated_input_noise
 from tsmblocks.diagnosis.presentation import unit_of
 from tsmblocks.diagnosis.screening import screening_score
 from tsmblocks.diagnosis.signal_paths import driving_port, integration_count
@@ -1025,15 +1025,17 @@ def test_carried_noise_against_many_draws(plant):
         for name, record in with_noise().items():
             change = out(conditioned(record, ["x_in"])["x_in"]) - true[name]
             draws.append(np.mean(change**2) / SIGMA**2)
-    told = np.mean([propagated_input_noise(model, raw, ["x_in"], seed) for seed in range(24)])
+    noise = filtered_inputs(raw, ["x_in"])
+    told = np.mean([propagated_input_noise(model, noise, seed) for seed in range(24)])
     assert told == pytest.approx(np.mean(draws), rel=0.35)
-    assert propagated_input_noise(model, raw, ["x_in"], 1) == propagated_input_noise(model, raw, ["x_in"], 1)
+    assert propagated_input_noise(model, noise, 1) == propagated_input_noise(model, noise, 1)
 
 
 def test_clean_inputs_carry_nothing():
     records = recordings()
-    assert propagated_input_noise(fitted(records=records), records, ["x_in"], 0) == pytest.approx(0.0, abs=1e-9)
-    assert propagated_input_noise(fitted(records=records), records, [], 0) == 0.0
+    clean = filtered_inputs(records, ["x_in"])
+    assert propagated_input_noise(fitted(records=records), clean, 0) == pytest.approx(0.0, abs=1e-9)
+    assert propagated_input_noise(fitted(records=records), {}, 0) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -30,8 +30,9 @@ from tsmblocks.diagnosis.exchange import exchange_effects
 from tsmblocks.diagnosis.exchangeable import exchange_notes
 from tsmblocks.diagnosis.forward_selection import forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories
+from tsmblocks.diagnosis.input_noise import input_noise_rms
 from tsmblocks.diagnosis.model import Model, ProgressCallback
-from tsmblocks.diagnosis.noise_floor import doubtful_floors, input_noise_rms, noise_level, propagated_input_noise
+from tsmblocks.diagnosis.noise_floor import doubtful_floors, noise_level
 from tsmblocks.diagnosis.outliers import outlier_notes
 from tsmblocks.diagnosis.partition import partition
 from tsmblocks.diagnosis.plain_states import with_plain_states
@@ -280,10 +281,8 @@ def _judged(
 
 def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -> SearchContext:
     """What all rounds of the search for effects in a part share."""
-    request, seed, inputs = ready.request, ready.settings.seed, ready.part.diagram.inputs
-    noise = noise_level(
-        ready.floors, propagated_input_noise(ready.base, ready.raw, ready.filtered, seed), predicted.rest
-    )
+    request, inputs, of_inputs = ready.request, ready.part.diagram.inputs, ready.input_noise
+    noise = noise_level(ready.floors, of_inputs.left, predicted.rest, of_inputs.whitened)
     removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered)
     blocks, line = time_blocks(ready.base.problem), only_frequency(ready.records, tuple(inputs))
     data = ready.records, ready.settings, request.effects

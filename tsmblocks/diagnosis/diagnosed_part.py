@@ -68,6 +68,10 @@ class DiagnosedPart:
     stopped: bool = False
     """Whether the search was stopped before it was over."""
 
+    def with_input_noise(self, output: str, variance: float) -> float:
+        """Rms noise of an output in its unit, of a variance [noise variances] and the errors that are whitened."""
+        return self.floors.sigma[output] * float(np.sqrt(variance + self.search.noise.whitened.get(output, 0.0)))
+
     @property
     def blocks(self) -> TimeBlocks:
         """The time blocks of the search."""

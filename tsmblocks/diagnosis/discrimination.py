@@ -94,7 +94,7 @@ def separations(
     inputs, experiment = list(named.model.diagram.inputs), named.model.setup.experiments[0]
     if not inputs:
         return
-    settings = attrs.evolve(settings, window=None)  # all of a motion is compared
+    settings = attrs.evolve(settings, window=None, whitening={})  # all of a motion is compared
     # sampled blocks keep their sampling instants
     step = experiment.times.h * max(round(experiment.record.step / experiment.times.h), 1)
     unit = as_recorded(named.model.diagram, inputs[0], records.values())

@@ -25,6 +25,7 @@ from tsmblocks.fitting.parameters import named_by, numbers, with_initial_values
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import FINEST, Setup, pose
 from tsmblocks.fitting.step_size import following, halved
+from tsmblocks.fitting.whitening import Whitening
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
 
@@ -61,7 +62,7 @@ class ModelSettings:
     output, which residuals are divided by; ``step`` [s] is that of the simulation, None where it is still to be chosen;
     ``seed`` is that of random starting points. ``window`` is the part [s] of each experiment that is compared, None for
     all of it. ``bounds`` are those given for parameters of the base, by name or pattern; ``local`` are patterns of
-    those that have a separate value in each experiment.
+    those that have a separate value in each experiment. ``whitening`` is that of the residuals of some experiments.
     """
 
     free: tuple[str, ...] | None
@@ -75,6 +76,7 @@ class ModelSettings:
     window: Mapping[str, Window] | None = None
     bounds: Mapping[str, Any] = attrs.field(factory=dict)
     local: tuple[str, ...] = ()
+    whitening: Mapping[str, Whitening] = attrs.field(factory=dict)
 
     def restricted_to(self, diagram: Diagram, outputs: tuple[str, ...], sigma: Mapping[str, float]) -> ModelSettings:
         """The same for a part of the diagram: of the patterns those that name something in it."""
@@ -94,8 +96,8 @@ class ModelSettings:
 class Model:
     """A diagram with fitted parameters, and its residuals.
 
-    ``theta`` (n,) are the unknowns of ``problem``, ``r`` (N,) the residuals divided by the noise, ``J`` (N, n) their
-    Jacobian.
+    ``theta`` (n,) are the unknowns of ``problem``, ``r`` (N,) the residuals divided by the noise and whitened where
+    errors are correlated, ``J`` (N, n) their Jacobian.
     """
 
     diagram: Diagram
@@ -112,12 +114,18 @@ class Model:
 
     @property
     def residual_rms(self) -> dict[str, float]:
-        """Residual rms of each output, divided by its noise."""
+        """Residual rms of each output, divided by its noise, not whitened."""
         result, segments, count = {}, self.problem.segments, len(self.setup.outputs)
+        differences = self.differences
         for k, name in enumerate(self.setup.outputs):
-            r = np.concatenate([self.r[part] for part in segments[k::count]])
+            r = np.concatenate([differences[part] for part in segments[k::count]])
             result[name] = float(np.sqrt(np.mean(r**2)))
         return result
+
+    @property
+    def differences(self) -> np.ndarray:
+        """Simulation less measurement (N,), divided by the noise: the residuals without whitening."""
+        return self.problem.restored(self.r)
 
     @property
     def values(self) -> dict[str, float]:
@@ -229,7 +237,7 @@ def pose_model(
     Without ``local`` it is that of a base, with the bounds and the local parameters of the ``settings``.
     """
     known = {k: Floor(k, v, diagram.unit(k)) for k, v in settings.sigma.items()}
-    return pose(
+    problem, setup = pose(
         diagram,
         dict(records),
         free=free,
@@ -243,6 +251,9 @@ def pose_model(
         integrator=settings.integrator,
         hold=settings.hold,
     )
+    named = (settings.whitening.get(one.name) for one in setup.experiments)
+    whitening = {e: one for e, one in enumerate(named) if one is not None}
+    return (attrs.evolve(problem, whitening=whitening) if whitening else problem), setup
 
 
 def pose_extended(

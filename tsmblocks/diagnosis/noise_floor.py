@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
-from tsmblocks.data.conditioning import conditioned
-from tsmblocks.data.filters import white_noise_power
 from tsmblocks.data.noise_floor import HIGH_FREQUENCIES, Noise, fast_noise_of_recordings, noise_over_recordings
-from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.fitting.above_noise import MAX_FLOOR_RATIO, contains_jumps, fast_noise
@@ -45,7 +42,8 @@ class NoiseLevel:
 
     ``unpredicted`` is the mean square of the residual that nothing recorded predicts: the noise, and model errors that
     are not functions of what was recorded. ``is_given`` is True where the user gave it,
-    ``from_inputs`` the part that noise of the inputs causes.
+    ``from_inputs`` the part that noise of the inputs causes. What whitening accounts for is not in these: ``whitened``
+    holds its mean square by output.
     """
 
     low: float
@@ -53,6 +51,11 @@ class NoiseLevel:
     unpredicted: float
     is_given: bool = False
     from_inputs: float = 0.0
+    whitened: Mapping[str, float] = attrs.field(factory=dict)
+
+    def of_inputs(self, output: str) -> float:
+        """Mean square that noise of the inputs causes in an output, whitened or not."""
+        return self.from_inputs + self.whitened.get(output, 0.0)
 
     def largest(self, typical: float) -> float:
         """The largest mean square of noise that is plausible, with the loss ``typical`` in the median time block.
@@ -114,17 +117,19 @@ class NoiseFloors:
         return set(self.method.values()) == {GIVEN}
 
 
-def noise_level(floors: NoiseFloors, input_noise: float, unpredicted: float) -> NoiseLevel:
+def noise_level(
+    floors: NoiseFloors, input_noise: float, unpredicted: float, whitened: Mapping[str, float] | None = None
+) -> NoiseLevel:
     """How large the noise may be, by its floors and by what is not predicted of the residual.
 
-    ``input_noise`` is the variance that noise of the inputs causes. What was given is right; an estimated floor misses
-    noise that is slow, and is no higher than what is not predicted.
+    ``input_noise`` is the variance that noise of the inputs causes, but for what is ``whitened``. What was given is
+    right; an estimated floor misses noise that is slow, and is no higher than what is not predicted.
     """
     ratios = [floors.largest_ratio(name) ** 2 for name in floors.sigma]
     low, high = 1 + input_noise, float(np.mean(ratios)) + input_noise
     if not floors.is_given:
         low = min(low, unpredicted)
-    return NoiseLevel(low, high, unpredicted, floors.is_given, input_noise)
+    return NoiseLevel(low, high, unpredicted, floors.is_given, input_noise, whitened or {})
 
 
 def noise_floors(
@@ -250,57 +255,3 @@ def doubtful_floors(found: NoiseFloors, residual_rms: Mapping[str, float], units
             "noise if you know it."
         )
     return notes
-
-
-def propagated_input_noise(model: Model, raw: Mapping[str, Record], inputs: Iterable[str], seed: int) -> float:
-    """Variance of the outputs caused by the noise of measured inputs [output noise variances].
-
-    The conditioned inputs are taken as the true motion. White noise as strong as that which was filtered out is added
-    to them, they are conditioned again, and the model is simulated with both. One draw of the noise for each experiment
-    is enough, since an experiment has many samples.
-    """
-    names, draw = tuple(inputs), np.random.default_rng(seed)
-    total = count = 0.0
-    for e, experiment in enumerate(model.setup.experiments):
-        clean = experiment.record
-        noisy = _noisy(clean, raw[experiment.name], names, draw)
-        if noisy is None:
-            continue
-        other = model.setup.prepared(e, record=conditioned(noisy, names))
-        p = model.problem.unknowns.parameters(model.theta, e)
-        change = (other.outputs(p) - experiment.outputs(p)) * model.problem.weights
-        total += float(np.sum(np.where(np.isfinite(change), change, 0.0) ** 2))
-        count += change.size
-    return total / count if count else 0.0
-
-
-def input_noise_rms(
-    diagram: Diagram, clean: Mapping[str, Record], raw: Mapping[str, Record], inputs: Iterable[str]
-) -> dict[str, float]:
-    """Rms of the white noise that was filtered out of each input, in its unit in the diagram, the largest of all."""
-    result = dict.fromkeys(inputs, 0.0)
-    for name, record in clean.items():
-        before = evenly_sampled(raw[name])
-        for key in (k for k in result if k in record and len(before) == len(record)):
-            unit = diagram.unit(key)
-            removed = before.values(key, unit) - record.values(key, unit)
-            result[key] = max(result[key], _white_noise_rms(removed))
-    return result
-
-
-def _noisy(clean: Record, raw: Record, names: tuple[str, ...], draw: np.random.Generator) -> Record | None:
-    """A conditioned record with new noise on its inputs; None where nothing was filtered out."""
-    raw, more = evenly_sampled(raw), {}
-    if len(raw) != len(clean):
-        return None
-    for name in names:
-        size = _white_noise_rms(raw[name] - clean[name]) if name in clean else 0.0
-        if size > 0:
-            more[name] = clean[name] + size * draw.standard_normal(len(clean))
-    return attrs.evolve(clean, signals={**clean.signals, **more}) if more else None
-
-
-def _white_noise_rms(removed: np.ndarray) -> float:
-    """Rms of white noise with the power that a filter removed, from the median of the upper half of the spectrum."""
-    power = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
-    return float(np.sqrt(white_noise_power(power, np.log(2.0))))

@@ -25,7 +25,17 @@ from tsmblocks.diagnosis.commands import (
 )
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
-from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
+from tsmblocks.diagnosis.input_noise import InputNoise, filtered_inputs, input_noise
+from tsmblocks.diagnosis.model import (
+    FINE_TOLERANCE,
+    Model,
+    ModelSettings,
+    ProgressCallback,
+    calibrate,
+    nearest,
+    optimized,
+    with_accurate_step,
+)
 from tsmblocks.diagnosis.noise_at_rest import without_motion_at_rest
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, fast_noise_of_residuals, lowered_noise_floors, noise_floors
 from tsmblocks.diagnosis.partition import (
@@ -71,7 +81,7 @@ class Prepared:
 
     ``raw`` are the ``records`` before noise of the inputs in ``filtered`` was removed, both in pieces where the
     simulation restarts. ``commands`` are the inputs that the outputs showed to be commands; no more of them are looked
-    for where they are ``settled``.
+    for where they are ``settled``. ``input_noise`` is what noise of the inputs adds to the outputs.
     """
 
     part: Part
@@ -84,6 +94,7 @@ class Prepared:
     filtered: tuple[str, ...]
     commands: Commands
     notes: tuple[str, ...]
+    input_noise: InputNoise
     settled: bool = False
 
     def check(self, model: Model) -> None:
@@ -174,7 +185,18 @@ def _with_commands(part: Part, request: Request, progress: ProgressCallback, com
     base, floors, lowered = _base(part, records, settings, progress, floors, compared)
     settings = attrs.evolve(settings, sigma=floors.sigma)
     notes += [*floors.notes, *lowered]
-    return Prepared(part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes))
+    noise = input_noise(base, filtered_inputs(request.records, filtered), settings.seed)
+    if noise.whitening:
+        settings, base = attrs.evolve(settings, whitening=noise.whitening), _whitened(base, noise)
+    return Prepared(part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes), noise)
+
+
+def _whitened(base: Model, noise: InputNoise) -> Model:
+    """The base optimised on with residuals that are whitened."""
+    named = enumerate(one.name for one in base.setup.experiments)
+    whitening = {e: noise.whitening[name] for e, name in named if name in noise.whitening}
+    problem = attrs.evolve(base.problem, whitening=whitening)
+    return nearest(optimized(problem, base.setup, base.theta, FINE_TOLERANCE))
 
 
 def _held_inputs(part: Part, records: Mapping[str, Record]) -> dict[str, list[str]]:

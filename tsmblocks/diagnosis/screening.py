@@ -273,13 +273,9 @@ class _Screening:
 
     def _changes(self, sets: list[np.ndarray]) -> np.ndarray:
         """Change of the weighted outputs against the base, shape (N, sets)."""
-        results, segments = np.empty((self.problem.samples, len(sets))), iter(self.problem.segments)
-        for experiment, y in zip(self.problem.experiments, self.problem.output_sets(np.array(sets)), strict=True):
-            for i, weight in enumerate(self.problem.weights):
-                rows = next(segments)
-                change = weight * (y[:, i] - experiment.measured[:, i, None])
-                counted = 1.0 if experiment.counted is None else experiment.counted[:, i, None]
-                results[rows] = counted * change - self.unchanged[rows, None]
+        results = np.empty((self.problem.samples, len(sets)))
+        for e, (rows, y) in enumerate(zip(self.problem.rows, self.problem.output_sets(np.array(sets)), strict=True)):
+            results[rows] = self.problem.differences(e, y) - self.unchanged[rows, None]
         diverged = ~(np.abs(results) < DIVERGENCE_THRESHOLD).all(axis=0)
         results[:, diverged] = 0.0  # a diverged simulation has no gain
         return results

@@ -53,7 +53,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         diagnosed.part.outputs,
         verdict,
         float(excess),
-        {k: v * np.sqrt(diagnosed.search.noise_variance) for k, v in diagnosed.floors.sigma.items()},
+        {k: diagnosed.with_input_noise(k, diagnosed.search.noise_variance) for k in diagnosed.floors.sigma},
         _effects(diagnosed, losses, whole_diagram),
         tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs))),
         residual_coordinates(base.r, known, blocks, excess_variance, drive) if tied else (),
@@ -68,7 +68,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         stopped=diagnosed.leaves_unexamined,
         varies_with=diagnosed.varying.words if diagnosed.varying is not None and diagnosed.varies else "",
         predictable=_predictable(diagnosed),
-        largest_noise={k: v * np.sqrt(diagnosed.largest_noise) for k, v in diagnosed.floors.sigma.items()},
+        largest_noise={k: diagnosed.with_input_noise(k, diagnosed.largest_noise) for k in diagnosed.floors.sigma},
         filtered=tuple(name for name, rms in diagnosed.search.input_noise.items() if rms > 0),
         in_doubt=diagnosed.in_doubt,
         delays_if_held=diagnosed.delays_if_held,
@@ -83,11 +83,11 @@ def _predictable(diagnosed: DiagnosedPart) -> tuple[float, float]:
 
 
 def _held_out(diagnosed: DiagnosedPart) -> list[np.ndarray]:
-    """Held-out residuals (N,) of each model."""
+    """Held-out residuals (N,) of each model, not whitened."""
     result, shrinkage = [], dict[str, tuple[float, float]]()
     for model, one in itertools.zip_longest(diagnosed.models, diagnosed.named):
         ridge, null = ridge_weights(shrinkage, model)
-        result.append(held_out_residuals(model, diagnosed.blocks.fold, ridge, null))
+        result.append(model.problem.restored(held_out_residuals(model, diagnosed.blocks.fold, ridge, null)))
         shrinkage |= {} if one is None else shrinkage_of(one.candidate)
     return result
 
@@ -171,16 +171,15 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         return sigma * float(np.sqrt(np.mean(r[some] ** 2)))
 
     given = diagnosed.floors.given.get(name, "")
-    from_inputs = diagnosed.search.noise.from_inputs
     if given:
-        more = NOISE_OF_INPUTS if from_inputs > INPUT_NOISE_THRESHOLD else ""
+        more = NOISE_OF_INPUTS if diagnosed.search.noise.of_inputs(name) > INPUT_NOISE_THRESHOLD else ""
         given = f"{given} given{more}"
     return Gap(
         name,
         recorded_units(base.setup)[name],
-        sigma * float(np.sqrt(diagnosed.search.noise_variance)),
+        diagnosed.with_input_noise(name, diagnosed.search.noise_variance),
         diagnosed.floors.method[name],
-        tuple(rms(m.r, rows) for m in diagnosed.models),
+        tuple(rms(m.differences, rows) for m in diagnosed.models),
         tuple(rms(r, rows) for r in held),
         {key: tuple(rms(r, some) for r in held) for key, some in groups.items()},
         given,
@@ -191,7 +190,7 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
 
 def _floor_parts(diagnosed: DiagnosedPart, name: str) -> FloorParts | None:
     """What the noise floor of an output consists of; None where it was given."""
-    floors, share = diagnosed.floors, diagnosed.search.noise.from_inputs
+    floors, share = diagnosed.floors, diagnosed.search.noise.of_inputs(name)
     if name in floors.given or name not in floors.low:
         return None
     sigma = floors.sigma[name]
@@ -220,7 +219,7 @@ def _traces(diagnosed: DiagnosedPart) -> tuple[Trace, ...]:
     """Measured and simulated signals for figures."""
     base, final, inputs = diagnosed.models[0], diagnosed.models[-1], list(diagnosed.part.diagram.inputs)
     outputs, result, segments = list(enumerate(base.setup.outputs)), list[Trace](), iter(base.problem.segments)
-    units = recorded_units(base.setup)
+    units, before, after = recorded_units(base.setup), base.differences, final.differences
     for experiment, (i, name) in itertools.product(base.setup.experiments, outputs):
         rows, sigma, measured = next(segments), diagnosed.floors.sigma[name], experiment.measured[:, i]
         trace = Trace(
@@ -229,11 +228,11 @@ def _traces(diagnosed: DiagnosedPart) -> tuple[Trace, ...]:
             units[name],
             experiment.t,
             measured,
-            measured + sigma * base.r[rows],
-            measured + sigma * final.r[rows],
+            measured + sigma * before[rows],
+            measured + sigma * after[rows],
             _drive(experiment, base, inputs[0]) if inputs else np.empty(0),
             inputs[0] if inputs else "",
-            _blocks(base.r[rows], diagnosed.blocks.block[rows], experiment.t),
+            _blocks(before[rows], diagnosed.blocks.block[rows], experiment.t),
             units[inputs[0]] if inputs else "",
         )
         result.append(trace)

@@ -101,10 +101,10 @@ class _Compared:
 def _compared(base: Model, k: int, records: Mapping[str, Record]) -> list[_Compared]:
     """The samples of an output in each experiment."""
     found, name, weight = list[_Compared](), base.setup.outputs[k], base.problem.weights[k]
-    rows = base.problem.segments[k :: len(base.setup.outputs)]
+    rows, differences = base.problem.segments[k :: len(base.setup.outputs)], base.differences
     for experiment, part in zip(base.setup.experiments, rows, strict=True):
         own = experiment_of(experiment.name)
-        record, simulated = records[own], experiment.measured[:, k] + base.r[part] / weight
+        record, simulated = records[own], experiment.measured[:, k] + differences[part] / weight
         margin = 1e-6 * record.step
         places = np.flatnonzero((record.t >= experiment.t[0] - margin) & (record.t <= experiment.t[-1] + margin))
         t, y = record.t[places], record.values(name, base.diagram.unit(name))[places]

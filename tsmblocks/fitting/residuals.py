@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import itertools
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import attrs
@@ -20,6 +20,7 @@ from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.inner_products import products, square
 from tsmblocks.fitting.jacobian import Jacobian
 from tsmblocks.fitting.parameter_vector import Constraints, Unknown, Unknowns
+from tsmblocks.fitting.whitening import Whitening
 
 ROUNDING = 1e-12
 """Rounding of simulated outputs relative to the measured signals. Chosen."""
@@ -45,7 +46,8 @@ class Problem:
     """Least squares of weighted differences, in bounds and under constraints.
 
     ``weights`` has one factor per output; ``noise`` is the deviation of one weighted difference, which
-    sets what a prior weighs beside the samples.
+    sets what a prior weighs beside the samples. ``whitening`` makes weighted differences of an experiment whose errors
+    are correlated white, by number of the experiment; of the others they are as they are.
     """
 
     unknowns: Unknowns
@@ -54,6 +56,7 @@ class Problem:
     weights: np.ndarray
     priors: Priors
     noise: float = 1.0
+    whitening: Mapping[int, Whitening] = attrs.field(factory=dict)
     size: float = attrs.field(init=False)
     """Root mean square of the weighted measured signals, the scale of the residuals."""
 
@@ -98,7 +101,20 @@ class Problem:
     def residuals(self, theta: np.ndarray) -> np.ndarray:
         """Weighted differences, simulation less measurement, shape (samples,)."""
         pairs = zip(runs.outputs(self.experiments, self._parameters(theta)), self.experiments, strict=True)
-        return np.concatenate([(e.residuals(y) * self.weights).ravel(order="F") for y, e in pairs])
+        return self.whitened(np.concatenate([(e.residuals(y) * self.weights).ravel(order="F") for y, e in pairs]))
+
+    def whitened(self, values: np.ndarray) -> np.ndarray:
+        """Weighted differences (samples,), or columns of them, with those of correlated errors whitened in place."""
+        for e, whitening in self.whitening.items():
+            values[self.rows[e]] = whitening.whitened(values[self.rows[e]])
+        return values
+
+    def restored(self, residuals: np.ndarray) -> np.ndarray:
+        """Weighted differences (samples,) of residuals, as they are before they are whitened."""
+        values = residuals.copy() if self.whitening else residuals
+        for e, whitening in self.whitening.items():
+            values[self.rows[e]] = whitening.restored(values[self.rows[e]])
+        return values
 
     def jacobian(self, theta: np.ndarray, steps: np.ndarray | None = None) -> tuple[np.ndarray, Jacobian]:
         """Weighted residuals (samples,) and their derivatives (samples, unknowns).
@@ -147,9 +163,15 @@ class Problem:
         for e, (y, derivatives) in enumerate(pairs):
             experiment, columns = self.experiments[e], self.unknowns.columns(e)
             r, counted = experiment.residuals(y), experiment.counted
+            parts = list[tuple[np.ndarray, np.ndarray]]()
             for i, weight in enumerate(self.weights):
                 J = derivatives[i] if weight == 1 else weight * derivatives[i]
-                yield columns, weight * r[:, i], J if counted is None else J * counted[:, i, None]
+                parts.append((weight * r[:, i], J if counted is None else J * counted[:, i, None]))
+            if (whitening := self.whitening.get(e)) is not None:
+                whole, matrix = (whitening.whitened(np.concatenate(one)) for one in zip(*parts, strict=True))
+                parts = list(zip(np.split(whole, len(parts)), np.split(matrix, len(parts)), strict=True))
+            for part, J in parts:
+                yield columns, part, J
 
     def _parameters(self, theta: np.ndarray) -> np.ndarray:
         """Parameters of each experiment, shape (experiments, parameters)."""
@@ -202,6 +224,8 @@ class Problem:
 
     def costs(self, thetas: np.ndarray, *, quick: bool = False) -> np.ndarray:
         """Cost of many sets at once, shape (sets,), run side by side in lanes and threads; ``quick`` for a few."""
+        if self.whitening:
+            return self._costs_whitened(thetas)
         count = len(thetas)
         lanes = runs.lanes_for(count)
         groups = [thetas[np.minimum(np.arange(a, a + lanes), count - 1)] for a in range(0, count, lanes)]
@@ -219,6 +243,24 @@ class Problem:
         if len(self.priors.which):
             total = total + np.array([self.prior_cost(theta) for theta in thetas])
         return np.where(np.isfinite(total), total, np.inf)
+
+    def _costs_whitened(self, thetas: np.ndarray) -> np.ndarray:
+        """The same where errors are correlated."""
+        total = np.zeros(len(thetas))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for e, y in enumerate(self.output_sets(thetas)):
+                total += 0.5 * np.sum(self.differences(e, y) ** 2, axis=0)
+        total += [self.prior_cost(theta) for theta in thetas]
+        return np.where(np.isfinite(total), total, np.inf)
+
+    def differences(self, e: int, y: np.ndarray) -> np.ndarray:
+        """Residuals (rows, sets) of experiment ``e`` with the outputs ``y`` (samples, outputs, sets)."""
+        experiment = self.experiments[e]
+        r = (y - experiment.measured[:, :, None]) * self.weights[:, None]
+        r = r if experiment.counted is None else r * experiment.counted[:, :, None]
+        stacked = r.transpose(1, 0, 2).reshape(-1, y.shape[2])
+        whitening = self.whitening.get(e)
+        return stacked if whitening is None else whitening.whitened(stacked)
 
     def prior_derivatives(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradient and curvature that the priors add, both of shape (unknowns,)."""

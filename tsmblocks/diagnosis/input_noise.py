@@ -1,0 +1,180 @@
+"""Noise of measured inputs: what it adds to the outputs, and how residuals are weighted beside it.
+
+Where a plant integrates its input, as an axis driven by a measured force, noise of the input is most of the residual: a
+random walk, common to all outputs. An effect that is fitted to it explains a part of it, though the model is right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import attrs
+import numpy as np
+
+from tsmblocks.common.interpolation import is_held
+from tsmblocks.common.interrupt import checkpoint
+from tsmblocks.data import Record
+from tsmblocks.data.conditioning import conditioned
+from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass, white_noise_power
+from tsmblocks.data.resampling import evenly_sampled
+from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.partition import experiment_of
+from tsmblocks.fitting.whitening import Whitening
+from tsmblocks.model.diagram import Diagram
+
+MIN_PROPAGATED = 1.0
+"""Variance that noise of the inputs adds to the outputs [output noise variances] from which residuals are whitened.
+Chosen: as much as the noise of the outputs."""
+MOST_NODES = 1200
+"""Instants of all experiments and inputs together at which errors of inputs are independent, at most. Chosen: for the
+run time; each takes a simulation of its experiment."""
+FEWEST_NODES = 16
+"""The same for one experiment, at least. Chosen: an integrating plant answers to the slowest errors most."""
+BAND = (2.0, 4.0)
+"""Frequencies over the cut-off of a filter at which the noise of an input is seen. Chosen: the motion is below them,
+and the noise not far from where the filter leaves it."""
+FEWEST_FREQUENCIES = 64
+"""Frequencies in that band, at least; with fewer the noise is taken to be white. Derived: their median is then known to
+a fifth."""
+
+
+@attrs.frozen
+class Filtered:
+    """Noise of an input, above whose ``cutoff`` [Hz] a filter has removed it.
+
+    ``rms`` is that of white noise as strong as the noise below it, in the unit of the recording.
+    """
+
+    rms: float
+    cutoff: float
+
+
+FilteredInputs = Mapping[str, Mapping[str, Filtered]]
+"""The noise of inputs by recording and input."""
+
+
+@attrs.frozen
+class InputNoise:
+    """What noise of the inputs adds to the outputs [output noise variances], and the whitening of residuals beside it.
+
+    ``left`` is the mean square that it adds and that the whitening does not account for; ``whitened`` holds that which
+    it does by output. ``whitening`` is by experiment.
+    """
+
+    left: float
+    whitened: Mapping[str, float] = attrs.field(factory=dict)
+    whitening: Mapping[str, Whitening] = attrs.field(factory=dict)
+
+
+def input_noise(model: Model, filtered: FilteredInputs, seed: int) -> InputNoise:
+    """Noise of the inputs beside a base, of what was filtered out of them."""
+    propagated = propagated_input_noise(model, filtered, seed)
+    if propagated < MIN_PROPAGATED:
+        return InputNoise(propagated)
+    found = dict[str, Whitening]()
+    for e, experiment in enumerate(model.setup.experiments):
+        causes = _causes(model, e, filtered[experiment_of(experiment.name)])
+        if causes is not None and (whitening := Whitening.of(causes)) is not None:
+            found[experiment.name] = whitening
+    whitened = _by_output(model, found)
+    return InputNoise(max(propagated - sum(whitened.values()) / len(whitened), 0.0), whitened, found)
+
+
+def filtered_inputs(raw: Mapping[str, Record], inputs: Iterable[str]) -> dict[str, dict[str, Filtered]]:
+    """The noise that is filtered out of measured inputs, by recording and input; ``raw`` are whole recordings."""
+    names = tuple(inputs)
+    even = {key: evenly_sampled(record) for key, record in raw.items()}
+    every = ((key, name, _filtered(one, name)) for key, one in even.items() for name in names if name in one)
+    result = dict[str, dict[str, Filtered]]()
+    for key, name, found in every:
+        result.setdefault(key, {}).update({} if found is None else {name: found})
+    return result
+
+
+def _filtered(record: Record, name: str) -> Filtered | None:
+    """The noise of an input of a recording; None where none is filtered out."""
+    x, step = record[name], record.step
+    if len(x) < MIN_FILTERED_SAMPLES or not np.ptp(x) > 0 or is_held(x):
+        return None
+    if (cutoff := choose_cutoff(x, step)) is None:
+        return None
+    removed = x - low_pass(x, step, cutoff)
+    power = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
+    frequency = np.fft.rfftfreq(len(removed), step)
+    near = power[(frequency >= BAND[0] * cutoff) & (frequency <= BAND[1] * cutoff)]
+    variance = float(np.median(near)) / np.log(2.0) if len(near) >= FEWEST_FREQUENCIES else _white(power)
+    return Filtered(float(np.sqrt(variance)), cutoff) if variance > 0 else None
+
+
+def _by_output(model: Model, whitening: Mapping[str, Whitening]) -> dict[str, float]:
+    """Mean square of the errors that are whitened, by output."""
+    outputs, totals = model.setup.outputs, np.zeros(len(model.setup.outputs))
+    for one in whitening.values():
+        totals += one.variances.reshape(len(outputs), -1).sum(axis=1)
+    return dict(zip(outputs, (totals * len(outputs) / len(model.r)).tolist(), strict=True))
+
+
+def _causes(model: Model, e: int, filtered: Mapping[str, Filtered]) -> np.ndarray | None:
+    """Changes of the weighted outputs (rows, k) by independent errors of the inputs, each of one standard deviation.
+
+    White noise in the band that a filter with a cut-off left is a sum of triangles, half a period of it apart. None
+    where nothing was filtered out.
+    """
+    experiment, columns = model.setup.experiments[e], list[np.ndarray]()
+    record, p = experiment.record, model.problem.unknowns.parameters(model.theta, e)
+    most = max(MOST_NODES // (len(model.setup.experiments) * max(len(filtered), 1)), FEWEST_NODES)
+    clean = experiment.outputs(p)
+    for name, one in filtered.items():
+        distance = max(0.5 / (one.cutoff * record.step), len(record) / most, 1.0)
+        for middle in np.arange(0.0, len(record) - 1 + distance, distance):
+            checkpoint()
+            triangle = np.maximum(1 - np.abs(np.arange(len(record)) - middle) / distance, 0.0)
+            error = one.rms / np.sqrt(distance) * triangle
+            moved = attrs.evolve(record, signals={**record.signals, name: record[name] + error})
+            change = (model.setup.prepared(e, record=moved).outputs(p) - clean) * model.problem.weights
+            counted = 1.0 if experiment.counted is None else experiment.counted
+            columns.append(np.where(np.isfinite(change), change * counted, 0.0).ravel(order="F"))
+    return np.stack(columns, axis=1) if columns else None
+
+
+def propagated_input_noise(model: Model, filtered: FilteredInputs, seed: int) -> float:
+    """Variance of the outputs caused by the noise of measured inputs [output noise variances].
+
+    The conditioned inputs are taken as the true motion. White noise as strong as that which was filtered out is added
+    to them, they are conditioned again, and the model is simulated with both. One draw of the noise for each experiment
+    is enough, since an experiment has many samples.
+    """
+    draw, total, count = np.random.default_rng(seed), 0.0, 0
+    for e, experiment in enumerate(model.setup.experiments):
+        clean, noises = experiment.record, filtered.get(experiment_of(experiment.name), {})
+        if not noises:
+            continue
+        noisy = {k: clean[k] + one.rms * draw.standard_normal(len(clean)) for k, one in noises.items()}
+        other = model.setup.prepared(
+            e, record=conditioned(attrs.evolve(clean, signals={**clean.signals, **noisy}), tuple(noises))
+        )
+        p = model.problem.unknowns.parameters(model.theta, e)
+        change = (other.outputs(p) - experiment.outputs(p)) * model.problem.weights
+        total += float(np.sum(np.where(np.isfinite(change), change, 0.0) ** 2))
+        count += change.size
+    return total / count if count else 0.0
+
+
+def input_noise_rms(
+    diagram: Diagram, clean: Mapping[str, Record], raw: Mapping[str, Record], inputs: Iterable[str]
+) -> dict[str, float]:
+    """Rms of the white noise that was filtered out of each input, in its unit in the diagram, the largest of all."""
+    result = dict.fromkeys(inputs, 0.0)
+    for name, record in clean.items():
+        before = evenly_sampled(raw[name])
+        for key in (k for k in result if k in record and len(before) == len(record)):
+            unit = diagram.unit(key)
+            removed = before.values(key, unit) - record.values(key, unit)
+            power = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
+            result[key] = max(result[key], float(np.sqrt(_white(power))))
+    return result
+
+
+def _white(power: np.ndarray) -> float:
+    """Variance of white noise with a spectrum that a filter removed."""
+    return white_noise_power(power, np.log(2.0))
