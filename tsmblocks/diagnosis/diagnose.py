@@ -30,7 +30,7 @@ from tsmblocks.diagnosis.exchange import exchange_effects
 from tsmblocks.diagnosis.exchangeable import exchange_notes
 from tsmblocks.diagnosis.forward_selection import forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories
-from tsmblocks.diagnosis.input_noise import input_noise_rms
+from tsmblocks.diagnosis.input_noise import correlated_noise, input_noise_rms
 from tsmblocks.diagnosis.model import Model, ProgressCallback
 from tsmblocks.diagnosis.noise_floor import doubtful_floors, noise_level
 from tsmblocks.diagnosis.outliers import outlier_notes
@@ -266,7 +266,17 @@ def _judged(
     notes = doubtful_floors(ready.floors, final.residual_rms, recorded_units(final.setup))
     last, final = final, final if interrupted else with_plain_states(final)
     judged = DiagnosedPart(
-        part, search, ready.floors, rounds, count, final, predicted, left, varying, filtered=ready.filtered
+        part,
+        search,
+        ready.floors,
+        rounds,
+        count,
+        final,
+        predicted,
+        left,
+        varying,
+        filtered=ready.filtered,
+        correlated_noise=correlated_noise(last),
     )
     noise = search.noise_variance if count and not interrupted else 0.0
     own = _notes_on(last, part.diagram, noise, judged.corners)
@@ -281,8 +291,8 @@ def _judged(
 
 def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -> SearchContext:
     """What all rounds of the search for effects in a part share."""
-    request, inputs, of_inputs = ready.request, ready.part.diagram.inputs, ready.input_noise
-    noise = noise_level(ready.floors, of_inputs.left, predicted.rest, of_inputs.whitened)
+    request, inputs = ready.request, ready.part.diagram.inputs
+    noise = noise_level(ready.floors, ready.input_noise.left, predicted.rest)
     removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered)
     blocks, line = time_blocks(ready.base.problem), only_frequency(ready.records, tuple(inputs))
     data = ready.records, ready.settings, request.effects

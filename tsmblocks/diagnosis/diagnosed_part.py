@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import attrs
 import numpy as np
@@ -67,10 +67,16 @@ class DiagnosedPart:
     """The dead times that were named, with an input held that may be."""
     stopped: bool = False
     """Whether the search was stopped before it was over."""
+    correlated_noise: Mapping[str, float] = attrs.field(factory=dict)
+    """Mean square by output [noise variances] of errors that noise of the inputs causes and that are whitened."""
 
     def with_input_noise(self, output: str, variance: float) -> float:
         """Rms noise of an output in its unit, of a variance [noise variances] and the errors that are whitened."""
-        return self.floors.sigma[output] * float(np.sqrt(variance + self.search.noise.whitened.get(output, 0.0)))
+        return self.floors.sigma[output] * float(np.sqrt(variance + self.correlated_noise.get(output, 0.0)))
+
+    def from_inputs(self, output: str) -> float:
+        """Mean square [noise variances] that noise of the inputs adds to an output."""
+        return self.search.noise.from_inputs + self.correlated_noise.get(output, 0.0)
 
     @property
     def blocks(self) -> TimeBlocks:

@@ -17,7 +17,7 @@ from tsmblocks.data import Record
 from tsmblocks.data.conditioning import conditioned
 from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass, white_noise_power
 from tsmblocks.data.resampling import evenly_sampled
-from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, nearest, optimized
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.fitting.whitening import Whitening
 from tsmblocks.model.diagram import Diagram
@@ -38,6 +38,11 @@ FEWEST_FREQUENCIES = 64
 a fifth."""
 
 
+FACTORS = tuple(2.0 ** (k / 2) for k in range(5))
+"""Factors on the noise that is seen above the cut-off of a filter. Chosen: noise that falls with the frequency is
+stronger below it; the outputs tell by how much, though they show model errors as well."""
+
+
 @attrs.frozen
 class Filtered:
     """Noise of an input, above whose ``cutoff`` [Hz] a filter has removed it.
@@ -55,15 +60,26 @@ FilteredInputs = Mapping[str, Mapping[str, Filtered]]
 
 @attrs.frozen
 class InputNoise:
-    """What noise of the inputs adds to the outputs [output noise variances], and the whitening of residuals beside it.
+    """What noise of the inputs adds to the outputs: errors that are correlated, which are whitened.
 
-    ``left`` is the mean square that it adds and that the whitening does not account for; ``whitened`` holds that which
-    it does by output. ``whitening`` is by experiment.
+    ``left`` is the mean square [output noise variances] that the whitening does not account for. ``whitening`` is by
+    experiment.
     """
 
     left: float
-    whitened: Mapping[str, float] = attrs.field(factory=dict)
     whitening: Mapping[str, Whitening] = attrs.field(factory=dict)
+
+    def whitened_base(self, base: Model) -> Model:
+        """A base optimised on with residuals that are whitened."""
+        named = enumerate(one.name for one in base.setup.experiments)
+        whitening = {e: self.whitening[name] for e, name in named if name in self.whitening}
+        problem = attrs.evolve(base.problem, whitening=whitening)
+        return nearest(optimized(problem, base.setup, base.theta, FINE_TOLERANCE))
+
+    def scaled_to(self, base: Model) -> InputNoise:
+        """The noise as many times as large as is most likely by the residuals of a base, of ``FACTORS``."""
+        factor = _likeliest(base, FACTORS)
+        return attrs.evolve(self, whitening={name: one.scaled(factor) for name, one in self.whitening.items()})
 
 
 def input_noise(model: Model, filtered: FilteredInputs, seed: int) -> InputNoise:
@@ -76,8 +92,35 @@ def input_noise(model: Model, filtered: FilteredInputs, seed: int) -> InputNoise
         causes = _causes(model, e, filtered[experiment_of(experiment.name)])
         if causes is not None and (whitening := Whitening.of(causes)) is not None:
             found[experiment.name] = whitening
-    whitened = _by_output(model, found)
-    return InputNoise(max(propagated - sum(whitened.values()) / len(whitened), 0.0), whitened, found)
+    covered = sum(float(np.sum(one.sizes**2)) for one in found.values()) / len(model.r)
+    return InputNoise(max(propagated - covered, 0.0), found)
+
+
+def correlated_noise(model: Model) -> dict[str, float]:
+    """Mean square by output [output noise variances] of the errors that are whitened beside a model; 0 where none are.
+
+    It is that of the residual: less what initial states take of it, and no more than is likely beside the model.
+    """
+    outputs, problem = model.setup.outputs, model.problem
+    factor, totals = _likeliest(model, [1 / k for k in FACTORS]), np.zeros(len(outputs))
+    blocks = list(model.J.own_blocks())
+    for e, whitening in problem.whitening.items():
+        columns = blocks[e].values
+        spread, turn = whitening.restored(columns), np.linalg.pinv(columns.T @ columns)
+        left = factor**2 * whitening.variances - np.einsum("ij,jk,ik->i", spread, turn, spread)
+        totals += np.maximum(left.reshape(len(outputs), -1).sum(axis=1), 0.0)
+    return dict(zip(outputs, (totals * len(outputs) / len(model.r)).tolist(), strict=True))
+
+
+def _likeliest(model: Model, factors: Iterable[float]) -> float:
+    """The factor on the correlated errors of a model that is most likely by its residuals."""
+    differences, problem = model.differences, model.problem
+
+    def deviance(factor: float) -> float:
+        pairs = problem.whitening.items()
+        return sum(one.scaled(factor).deviance(differences[problem.rows[e]]) for e, one in pairs)
+
+    return min(factors, key=deviance)
 
 
 def filtered_inputs(raw: Mapping[str, Record], inputs: Iterable[str]) -> dict[str, dict[str, Filtered]]:
@@ -104,14 +147,6 @@ def _filtered(record: Record, name: str) -> Filtered | None:
     near = power[(frequency >= BAND[0] * cutoff) & (frequency <= BAND[1] * cutoff)]
     variance = float(np.median(near)) / np.log(2.0) if len(near) >= FEWEST_FREQUENCIES else _white(power)
     return Filtered(float(np.sqrt(variance)), cutoff) if variance > 0 else None
-
-
-def _by_output(model: Model, whitening: Mapping[str, Whitening]) -> dict[str, float]:
-    """Mean square of the errors that are whitened, by output."""
-    outputs, totals = model.setup.outputs, np.zeros(len(model.setup.outputs))
-    for one in whitening.values():
-        totals += one.variances.reshape(len(outputs), -1).sum(axis=1)
-    return dict(zip(outputs, (totals * len(outputs) / len(model.r)).tolist(), strict=True))
 
 
 def _causes(model: Model, e: int, filtered: Mapping[str, Filtered]) -> np.ndarray | None:

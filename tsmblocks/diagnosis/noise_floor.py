@@ -42,8 +42,7 @@ class NoiseLevel:
 
     ``unpredicted`` is the mean square of the residual that nothing recorded predicts: the noise, and model errors that
     are not functions of what was recorded. ``is_given`` is True where the user gave it,
-    ``from_inputs`` the part that noise of the inputs causes. What whitening accounts for is not in these: ``whitened``
-    holds its mean square by output.
+    ``from_inputs`` the part that noise of the inputs causes.
     """
 
     low: float
@@ -51,11 +50,6 @@ class NoiseLevel:
     unpredicted: float
     is_given: bool = False
     from_inputs: float = 0.0
-    whitened: Mapping[str, float] = attrs.field(factory=dict)
-
-    def of_inputs(self, output: str) -> float:
-        """Mean square that noise of the inputs causes in an output, whitened or not."""
-        return self.from_inputs + self.whitened.get(output, 0.0)
 
     def largest(self, typical: float) -> float:
         """The largest mean square of noise that is plausible, with the loss ``typical`` in the median time block.
@@ -117,9 +111,7 @@ class NoiseFloors:
         return set(self.method.values()) == {GIVEN}
 
 
-def noise_level(
-    floors: NoiseFloors, input_noise: float, unpredicted: float, whitened: Mapping[str, float] | None = None
-) -> NoiseLevel:
+def noise_level(floors: NoiseFloors, input_noise: float, unpredicted: float) -> NoiseLevel:
     """How large the noise may be, by its floors and by what is not predicted of the residual.
 
     ``input_noise`` is the variance that noise of the inputs causes, but for what is ``whitened``. What was given is
@@ -129,7 +121,7 @@ def noise_level(
     low, high = 1 + input_noise, float(np.mean(ratios)) + input_noise
     if not floors.is_given:
         low = min(low, unpredicted)
-    return NoiseLevel(low, high, unpredicted, floors.is_given, input_noise, whitened or {})
+    return NoiseLevel(low, high, unpredicted, floors.is_given, input_noise)
 
 
 def noise_floors(

@@ -26,16 +26,7 @@ from tsmblocks.diagnosis.commands import (
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.input_noise import InputNoise, filtered_inputs, input_noise
-from tsmblocks.diagnosis.model import (
-    FINE_TOLERANCE,
-    Model,
-    ModelSettings,
-    ProgressCallback,
-    calibrate,
-    nearest,
-    optimized,
-    with_accurate_step,
-)
+from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
 from tsmblocks.diagnosis.noise_at_rest import without_motion_at_rest
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, fast_noise_of_residuals, lowered_noise_floors, noise_floors
 from tsmblocks.diagnosis.partition import (
@@ -187,16 +178,9 @@ def _with_commands(part: Part, request: Request, progress: ProgressCallback, com
     notes += [*floors.notes, *lowered]
     noise = input_noise(base, filtered_inputs(request.records, filtered), settings.seed)
     if noise.whitening:
-        settings, base = attrs.evolve(settings, whitening=noise.whitening), _whitened(base, noise)
+        noise = noise.scaled_to(noise.whitened_base(base))
+        settings, base = attrs.evolve(settings, whitening=noise.whitening), noise.whitened_base(base)
     return Prepared(part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes), noise)
-
-
-def _whitened(base: Model, noise: InputNoise) -> Model:
-    """The base optimised on with residuals that are whitened."""
-    named = enumerate(one.name for one in base.setup.experiments)
-    whitening = {e: noise.whitening[name] for e, name in named if name in noise.whitening}
-    problem = attrs.evolve(base.problem, whitening=whitening)
-    return nearest(optimized(problem, base.setup, base.theta, FINE_TOLERANCE))
 
 
 def _held_inputs(part: Part, records: Mapping[str, Record]) -> dict[str, list[str]]:

@@ -172,7 +172,7 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
 
     given = diagnosed.floors.given.get(name, "")
     if given:
-        more = NOISE_OF_INPUTS if diagnosed.search.noise.of_inputs(name) > INPUT_NOISE_THRESHOLD else ""
+        more = NOISE_OF_INPUTS if diagnosed.from_inputs(name) > INPUT_NOISE_THRESHOLD else ""
         given = f"{given} given{more}"
     return Gap(
         name,
@@ -190,7 +190,7 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
 
 def _floor_parts(diagnosed: DiagnosedPart, name: str) -> FloorParts | None:
     """What the noise floor of an output consists of; None where it was given."""
-    floors, share = diagnosed.floors, diagnosed.search.noise.of_inputs(name)
+    floors, share = diagnosed.floors, diagnosed.from_inputs(name)
     if name in floors.given or name not in floors.low:
         return None
     sigma = floors.sigma[name]

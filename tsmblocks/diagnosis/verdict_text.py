@@ -200,7 +200,7 @@ def slow_noise(segment: Segment) -> str:
 
 def _implausible_floor(segment: Segment) -> str:
     """A warning of a noise floor above the residual."""
-    high = [g.output for g in segment.gaps if g.held_out[0] * MAX_FLOOR_RATIO < g.noise_floor]
+    high = [g.output for g in segment.gaps if g.given and g.held_out[0] * MAX_FLOOR_RATIO < g.noise_floor]
     return f" But the noise floor given for {listed(high, 3)} is implausible: the residual is smaller." if high else ""
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from tsmblocks.fitting.inner_products import product
+from tsmblocks.fitting.inner_products import product, square
 
-NEGLIGIBLE_SIZE = 0.1
-"""Deviation of a correlated error [rms noise] below which it is left out. Chosen: it adds a hundredth of the noise."""
+NEGLIGIBLE_SIZE = 0.03
+"""Deviation of a correlated error [rms noise] below which it is left out. Chosen: it adds a thousandth of the noise."""
 
 
 @attrs.frozen(eq=False)
@@ -39,6 +39,16 @@ class Whitening:
     def restored(self, values: np.ndarray) -> np.ndarray:
         """What was whitened, as it was before."""
         return self._scaled(values, np.sqrt(1 + self.sizes**2))
+
+    def scaled(self, factor: float) -> Whitening:
+        """The whitening of correlated errors that are ``factor`` times as large."""
+        return attrs.evolve(self, sizes=factor * self.sizes)
+
+    def deviance(self, differences: np.ndarray) -> float:
+        """Minus twice the logarithm of the likelihood of errors (N,) that are not whitened, but for a constant."""
+        variances = 1 + self.sizes**2
+        parts = self.directions.T @ differences
+        return square(differences) - square(parts) + float(np.sum(parts**2 / variances + np.log(variances)))
 
     @property
     def variances(self) -> np.ndarray:
