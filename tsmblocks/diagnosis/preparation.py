@@ -179,7 +179,8 @@ def _with_commands(part: Part, request: Request, progress: ProgressCallback, com
     noise = input_noise(base, filtered_inputs(request.records, filtered), settings.seed)
     if noise.whitening:
         noise = noise.scaled_to(noise.whitened_base(base))
-        settings, base = attrs.evolve(settings, whitening=noise.whitening), noise.whitened_base(base)
+        settings = attrs.evolve(settings, whitening=noise.whitening)
+        base = _calibrated(part, records, settings, progress)
     return Prepared(part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes), noise)
 
 
