@@ -54,7 +54,7 @@ from tsmblocks.diagnosis.decision import (
     t_statistics,
 )
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
-from tsmblocks.diagnosis.input_noise import filtered_inputs, propagated_input_noise
+from tsmblocks.diagnosis.input_noise import noise_by_input, propagated_input_noise
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import ModelSettings, calibrate, optimized, pose_extended
 from tsmblocks.diagnosis.presentation import unit_of
@@ -1025,7 +1025,7 @@ def test_carried_noise_against_many_draws(plant):
         for name, record in with_noise().items():
             change = out(conditioned(record, ["x_in"])["x_in"]) - true[name]
             draws.append(np.mean(change**2) / SIGMA**2)
-    noise = filtered_inputs(raw, ["x_in"])
+    noise = noise_by_input(raw, ["x_in"])
     told = np.mean([propagated_input_noise(model, noise, seed) for seed in range(24)])
     assert told == pytest.approx(np.mean(draws), rel=0.35)
     assert propagated_input_noise(model, noise, 1) == propagated_input_noise(model, noise, 1)
@@ -1033,7 +1033,7 @@ def test_carried_noise_against_many_draws(plant):
 
 def test_clean_inputs_carry_nothing():
     records = recordings()
-    clean = filtered_inputs(records, ["x_in"])
+    clean = noise_by_input(records, ["x_in"])
     assert propagated_input_noise(fitted(records=records), clean, 0) == pytest.approx(0.0, abs=1e-7)
     assert propagated_input_noise(fitted(records=records), {}, 0) == 0.0
 

@@ -15,10 +15,12 @@ from tsmblocks.common.interpolation import is_held
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import conditioned
+from tsmblocks.data.fast_noise import sample_to_sample_noise
 from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass, white_noise_power
 from tsmblocks.data.resampling import evenly_sampled
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, nearest, optimized
 from tsmblocks.diagnosis.partition import experiment_of
+from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.whitening import Whitening
 from tsmblocks.model.diagram import Diagram
 
@@ -38,23 +40,26 @@ FEWEST_FREQUENCIES = 64
 a fifth."""
 
 
+MAX_UNFILTERED = 0.02
+"""Noise from sample to sample over the deviation of an input that is not filtered, up to which it is noise. Chosen: a
+command with a new value at each sample differs by more."""
 FACTORS = tuple(2.0 ** (k / 2) for k in range(5))
 """Factors on the noise that is seen above the cut-off of a filter. Chosen: noise that falls with the frequency is
 stronger below it; the outputs tell by how much, though they show model errors as well."""
 
 
 @attrs.frozen
-class Filtered:
-    """Noise of an input, above whose ``cutoff`` [Hz] a filter has removed it.
+class NoiseOfInput:
+    """Noise of an input, above whose ``cutoff`` [Hz] a filter has removed it; None where it is all there.
 
-    ``rms`` is that of white noise as strong as the noise below it, in the unit of the recording.
+    ``rms`` is that of white noise as strong as the noise below the cut-off, in the unit of the recording.
     """
 
     rms: float
-    cutoff: float
+    cutoff: float | None = None
 
 
-FilteredInputs = Mapping[str, Mapping[str, Filtered]]
+NoiseByInput = Mapping[str, Mapping[str, NoiseOfInput]]
 """The noise of inputs by recording and input."""
 
 
@@ -71,10 +76,7 @@ class InputNoise:
 
     def whitened_base(self, base: Model) -> Model:
         """A base optimised on with residuals that are whitened."""
-        named = enumerate(one.name for one in base.setup.experiments)
-        whitening = {e: self.whitening[name] for e, name in named if name in self.whitening}
-        problem = attrs.evolve(base.problem, whitening=whitening)
-        return nearest(optimized(problem, base.setup, base.theta, FINE_TOLERANCE))
+        return nearest(optimized(_problem_whitened(base, self.whitening), base.setup, base.theta, FINE_TOLERANCE))
 
     def scaled_to(self, base: Model) -> InputNoise:
         """The noise as many times as large as is most likely by the residuals of a base, of ``FACTORS``."""
@@ -82,28 +84,38 @@ class InputNoise:
         return attrs.evolve(self, whitening={name: one.scaled(factor) for name, one in self.whitening.items()})
 
 
-def input_noise(model: Model, filtered: FilteredInputs, seed: int) -> InputNoise:
-    """Noise of the inputs beside a base, of what was filtered out of them."""
-    propagated = propagated_input_noise(model, filtered, seed)
+def input_noise(model: Model, noises: NoiseByInput, seed: int) -> InputNoise:
+    """What noise of the inputs adds to the outputs of a base."""
+    change = _change(model, noises, seed)
+    propagated = float(np.mean(change**2))
     if propagated < MIN_PROPAGATED:
         return InputNoise(propagated)
     found = dict[str, Whitening]()
     for e, experiment in enumerate(model.setup.experiments):
-        causes = _causes(model, e, filtered[experiment_of(experiment.name)])
+        causes = _causes(model, e, noises.get(experiment_of(experiment.name), {}))
         if causes is not None and (whitening := Whitening.of(causes)) is not None:
             found[experiment.name] = whitening
-    covered = sum(float(np.sum(one.sizes**2)) for one in found.values()) / len(model.r)
-    return InputNoise(max(propagated - covered, 0.0), found)
+    expected = sum(float(np.sum(one.sizes**2 / (1 + one.sizes**2))) for one in found.values())
+    left = float(np.sum(_problem_whitened(model, found).whitened(change) ** 2)) - expected
+    return InputNoise(max(left / len(change), 0.0), found)
+
+
+def _problem_whitened(model: Model, whitening: Mapping[str, Whitening]) -> Problem:
+    """The problem of a model with residuals that are whitened, by experiment."""
+    named = enumerate(one.name for one in model.setup.experiments)
+    return attrs.evolve(model.problem, whitening={e: whitening[name] for e, name in named if name in whitening})
 
 
 def correlated_noise(model: Model) -> dict[str, float]:
-    """Mean square by output [output noise variances] of the errors that are whitened beside a model; 0 where none are.
+    """Mean square by output [output noise variances] of the errors that are whitened; empty where none are.
 
     It is that of the residual: less what initial states take of it, and no more than is likely beside the model.
     """
     outputs, problem = model.setup.outputs, model.problem
-    factor, totals = _likeliest(model, [1 / k for k in FACTORS]), np.zeros(len(outputs))
-    blocks = list(model.J.own_blocks())
+    if not problem.whitening:
+        return {}
+    factor, blocks = _likeliest(model, [1 / k for k in FACTORS]), list(model.J.own_blocks())
+    totals = np.zeros(len(outputs))
     for e, whitening in problem.whitening.items():
         columns = blocks[e].values
         spread, turn = whitening.restored(columns), np.linalg.pinv(columns.T @ columns)
@@ -123,44 +135,42 @@ def _likeliest(model: Model, factors: Iterable[float]) -> float:
     return min(factors, key=deviance)
 
 
-def filtered_inputs(raw: Mapping[str, Record], inputs: Iterable[str]) -> dict[str, dict[str, Filtered]]:
-    """The noise that is filtered out of measured inputs, by recording and input; ``raw`` are whole recordings."""
+def noise_by_input(raw: Mapping[str, Record], inputs: Iterable[str]) -> dict[str, dict[str, NoiseOfInput]]:
+    """The noise of measured inputs, by recording and input; ``raw`` are whole recordings before they are filtered."""
     names = tuple(inputs)
     even = {key: evenly_sampled(record) for key, record in raw.items()}
-    every = ((key, name, _filtered(one, name)) for key, one in even.items() for name in names if name in one)
-    result = dict[str, dict[str, Filtered]]()
-    for key, name, found in every:
-        result.setdefault(key, {}).update({} if found is None else {name: found})
-    return result
+    found = {key: {name: _noise_of(one, name) for name in names if name in one} for key, one in even.items()}
+    return {key: {k: noise for k, noise in some.items() if noise is not None} for key, some in found.items()}
 
 
-def _filtered(record: Record, name: str) -> Filtered | None:
-    """The noise of an input of a recording; None where none is filtered out."""
+def _noise_of(record: Record, name: str) -> NoiseOfInput | None:
+    """The noise of an input of a recording; None where none is seen."""
     x, step = record[name], record.step
     if len(x) < MIN_FILTERED_SAMPLES or not np.ptp(x) > 0 or is_held(x):
         return None
     if (cutoff := choose_cutoff(x, step)) is None:
-        return None
+        rms = sample_to_sample_noise(record.t, x).floor
+        return NoiseOfInput(rms) if 0 < rms <= MAX_UNFILTERED * np.std(x) else None
     removed = x - low_pass(x, step, cutoff)
     power = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
     frequency = np.fft.rfftfreq(len(removed), step)
     near = power[(frequency >= BAND[0] * cutoff) & (frequency <= BAND[1] * cutoff)]
     variance = float(np.median(near)) / np.log(2.0) if len(near) >= FEWEST_FREQUENCIES else _white(power)
-    return Filtered(float(np.sqrt(variance)), cutoff) if variance > 0 else None
+    return NoiseOfInput(float(np.sqrt(variance)), cutoff) if variance > 0 else None
 
 
-def _causes(model: Model, e: int, filtered: Mapping[str, Filtered]) -> np.ndarray | None:
+def _causes(model: Model, e: int, noises: Mapping[str, NoiseOfInput]) -> np.ndarray | None:
     """Changes of the weighted outputs (rows, k) by independent errors of the inputs, each of one standard deviation.
 
-    White noise in the band that a filter with a cut-off left is a sum of triangles, half a period of it apart. None
-    where nothing was filtered out.
+    White noise below the cut-off of a filter is a sum of triangles, half a period of it apart. None where there is no
+    noise.
     """
     experiment, columns = model.setup.experiments[e], list[np.ndarray]()
     record, p = experiment.record, model.problem.unknowns.parameters(model.theta, e)
-    most = max(MOST_NODES // (len(model.setup.experiments) * max(len(filtered), 1)), FEWEST_NODES)
+    most = max(MOST_NODES // (len(model.setup.experiments) * max(len(noises), 1)), FEWEST_NODES)
     clean = experiment.outputs(p)
-    for name, one in filtered.items():
-        distance = max(0.5 / (one.cutoff * record.step), len(record) / most, 1.0)
+    for name, one in noises.items():
+        distance = max(0.5 / (one.cutoff * record.step) if one.cutoff else 1.0, len(record) / most, 1.0)
         for middle in np.arange(0.0, len(record) - 1 + distance, distance):
             checkpoint()
             triangle = np.maximum(1 - np.abs(np.arange(len(record)) - middle) / distance, 0.0)
@@ -172,27 +182,31 @@ def _causes(model: Model, e: int, filtered: Mapping[str, Filtered]) -> np.ndarra
     return np.stack(columns, axis=1) if columns else None
 
 
-def propagated_input_noise(model: Model, filtered: FilteredInputs, seed: int) -> float:
-    """Variance of the outputs caused by the noise of measured inputs [output noise variances].
+def propagated_input_noise(model: Model, noises: NoiseByInput, seed: int) -> float:
+    """Variance of the outputs caused by the noise of measured inputs [output noise variances]."""
+    return float(np.mean(_change(model, noises, seed) ** 2))
 
-    The conditioned inputs are taken as the true motion. White noise as strong as that which was filtered out is added
-    to them, they are conditioned again, and the model is simulated with both. One draw of the noise for each experiment
-    is enough, since an experiment has many samples.
+
+def _change(model: Model, noises: NoiseByInput, seed: int) -> np.ndarray:
+    """Change of the weighted outputs (N,) by a draw of the noise of measured inputs.
+
+    The conditioned inputs are taken as the true motion. White noise is added to them, they are conditioned again where
+    they were, and the model is simulated with both. One draw of the noise for each experiment is enough, since an
+    experiment has many samples.
     """
-    draw, total, count = np.random.default_rng(seed), 0.0, 0
-    for e, experiment in enumerate(model.setup.experiments):
-        clean, noises = experiment.record, filtered.get(experiment_of(experiment.name), {})
-        if not noises:
+    draw, result = np.random.default_rng(seed), np.zeros(model.problem.samples)
+    for e, (experiment, rows) in enumerate(zip(model.setup.experiments, model.problem.rows, strict=True)):
+        record, own = experiment.record, noises.get(experiment_of(experiment.name), {})
+        if not own:
             continue
-        noisy = {k: clean[k] + one.rms * draw.standard_normal(len(clean)) for k, one in noises.items()}
-        other = model.setup.prepared(
-            e, record=conditioned(attrs.evolve(clean, signals={**clean.signals, **noisy}), tuple(noises))
-        )
+        noisy = {name: record[name] + one.rms * draw.standard_normal(len(record)) for name, one in own.items()}
+        record = attrs.evolve(record, signals={**record.signals, **noisy})
+        filtered = [name for name, one in own.items() if one.cutoff]
+        other = model.setup.prepared(e, record=conditioned(record, filtered))
         p = model.problem.unknowns.parameters(model.theta, e)
         change = (other.outputs(p) - experiment.outputs(p)) * model.problem.weights
-        total += float(np.sum(np.where(np.isfinite(change), change, 0.0) ** 2))
-        count += change.size
-    return total / count if count else 0.0
+        result[rows] = np.where(np.isfinite(change), change, 0.0).ravel(order="F")
+    return result
 
 
 def input_noise_rms(

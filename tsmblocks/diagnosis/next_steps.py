@@ -77,7 +77,7 @@ def next_steps(segment: Segment) -> list[str]:
 def _where_a_factor_varies(segment: Segment) -> list[str]:
     """What is measured of a residual in proportion to the motion by a factor that varies, and what may be its cause."""
     gap = max(segment.gaps, key=_remaining_ratio)
-    beside = f" ({_remaining_ratio(gap):.3g} times the noise floor)" if gap.noise_floor > 0 else ""
+    beside = f" ({_remaining_ratio(gap):.3g} times the noise floor)" if gap.judged_floor > 0 else ""
     return [
         f"The residual of {gap.output}{beside} has a part in proportion to {segment.varies_with}. Either a parameter "
         "varies over that time, or the model lacks a nonlinearity or has one of another form.",
@@ -100,7 +100,7 @@ def _filtering(segment: Segment) -> list[str]:
 
 def _remaining_ratio(gap: Gap) -> float:
     """The held-out error of the last model [noise floors]."""
-    return gap.held_out[-1] / gap.noise_floor if gap.noise_floor > 0 else 0.0
+    return gap.judged[-1] / gap.judged_floor if gap.judged_floor > 0 else 0.0
 
 
 def _others_to_try(segment: Segment) -> list[str]:
@@ -149,7 +149,7 @@ def _odd_experiments(segment: Segment) -> list[str]:
         others = [value for name, value in rms.items() if name != odd]
         if len(others) >= MIN_OTHERS and rms[odd] > ODD_RATIO * max(others):
             # beside a large error of all, it is the motion of this one that excites what is missing
-            known = max(others) <= ODD_RATIO * gap.noise_floor or not gap.noise_floor > 0
+            known = max(others) <= ODD_RATIO * gap.judged_floor or not gap.judged_floor > 0
             why = "something may have changed in it" if known else "it excites most of what is missing, or it differs"
             found.setdefault((odd, why), {})[gap.output] = float(rms[odd] / np.median(others))
     return [_examine(odd, why, ratios) for (odd, why), ratios in found.items()]

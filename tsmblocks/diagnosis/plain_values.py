@@ -70,6 +70,7 @@ def _gap(gap: Gap) -> dict[str, Any]:
         "held_out": {"before": gap.held_out[0], "after": gap.held_out[-1]},
         "steps": {"train": gap.train, "held_out": gap.held_out},
         "outliers": gap.outliers,
+        "beside_input_noise": list(gap.whitened),
         "experiments": gap.experiments,
     }
 

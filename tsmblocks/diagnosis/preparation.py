@@ -25,7 +25,7 @@ from tsmblocks.diagnosis.commands import (
 )
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
-from tsmblocks.diagnosis.input_noise import InputNoise, filtered_inputs, input_noise
+from tsmblocks.diagnosis.input_noise import InputNoise, input_noise, noise_by_input
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
 from tsmblocks.diagnosis.noise_at_rest import without_motion_at_rest
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, fast_noise_of_residuals, lowered_noise_floors, noise_floors
@@ -176,7 +176,7 @@ def _with_commands(part: Part, request: Request, progress: ProgressCallback, com
     base, floors, lowered = _base(part, records, settings, progress, floors, compared)
     settings = attrs.evolve(settings, sigma=floors.sigma)
     notes += [*floors.notes, *lowered]
-    noise = input_noise(base, filtered_inputs(request.records, filtered), settings.seed)
+    noise = input_noise(base, noise_by_input(request.records, filtered), settings.seed)
     if noise.whitening:
         noise = noise.scaled_to(noise.whitened_base(base))
         settings = attrs.evolve(settings, whitening=noise.whitening)

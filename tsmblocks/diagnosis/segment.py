@@ -106,6 +106,8 @@ class Gap:
     experiment. ``noise_floor`` is the noise of the output together with that caused by measured inputs. ``method`` is
     how it was estimated, ``given`` the text it was given by, if it was, ``parts`` what an estimate consists of.
     ``outliers`` is the share of the last residual's mean square that outliers hold, 0 where they are not reported.
+    Where noise of the inputs makes residuals that are whitened, ``whitened`` holds the rms of these, held out, and
+    ``sensor_floor`` is the noise of the output alone.
     """
 
     output: str
@@ -118,11 +120,23 @@ class Gap:
     given: str = ""
     parts: FloorParts | None = None
     outliers: float = 0.0
+    whitened: tuple[float, ...] = ()
+    sensor_floor: float = 0.0
+
+    @property
+    def judged(self) -> tuple[float, ...]:
+        """The rms on held-out data that verdicts are about: without what noise of the inputs adds."""
+        return self.whitened or self.held_out
+
+    @property
+    def judged_floor(self) -> float:
+        """The noise floor of that."""
+        return self.sensor_floor if self.whitened else self.noise_floor
 
     @property
     def rest(self) -> float:
         """The rms of the last residual on held-out data, without outliers."""
-        return self.held_out[-1] * (1 - self.outliers) ** 0.5
+        return self.judged[-1] * (1 - self.outliers) ** 0.5
 
 
 @attrs.frozen
@@ -244,7 +258,7 @@ class Segment:
     def cautions(self) -> tuple[str, ...]:
         """Warnings on the effects and on the parameters of the last model, the latter as a fit of it would give."""
         across = {e.block: e.across for e in self.effects}
-        far = self.verdict == "none" and any(g.held_out[0] > FAR_ABOVE * g.noise_floor > 0 for g in self.gaps)
+        far = self.verdict == "none" and any(g.judged[0] > FAR_ABOVE * g.judged_floor > 0 for g in self.gaps)
         if self.fit is None:
             return ()
         absent = {f"{e.block}.{name}" for e in self.effects for name in e.parameters if e.is_absent(name)}

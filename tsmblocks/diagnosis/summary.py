@@ -83,11 +83,11 @@ def _predictable(diagnosed: DiagnosedPart) -> tuple[float, float]:
 
 
 def _held_out(diagnosed: DiagnosedPart) -> list[np.ndarray]:
-    """Held-out residuals (N,) of each model, not whitened."""
+    """Held-out residuals (N,) of each model."""
     result, shrinkage = [], dict[str, tuple[float, float]]()
     for model, one in itertools.zip_longest(diagnosed.models, diagnosed.named):
         ridge, null = ridge_weights(shrinkage, model)
-        result.append(model.problem.restored(held_out_residuals(model, diagnosed.blocks.fold, ridge, null)))
+        result.append(held_out_residuals(model, diagnosed.blocks.fold, ridge, null))
         shrinkage |= {} if one is None else shrinkage_of(one.candidate)
     return result
 
@@ -160,9 +160,10 @@ def _with_effects(diagnosed: DiagnosedPart, k: int, whole_diagram: Diagram) -> D
     return result
 
 
-def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
-    """The error of one output before and after each effect, fitted and held out."""
+def _gap(diagnosed: DiagnosedPart, i: int, whitened: Sequence[np.ndarray]) -> Gap:
+    """The error of one output before and after each effect, fitted and held out; ``whitened`` (N,) are held out."""
     base = diagnosed.models[0]
+    held = [one.problem.restored(r) for one, r in zip(diagnosed.models, whitened, strict=True)]
     name = base.setup.outputs[i]
     sigma, groups = diagnosed.floors.sigma[name], rows_of_experiments(base, i)
     rows = np.concatenate(list(groups.values()))
@@ -172,7 +173,11 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
 
     given = diagnosed.floors.given.get(name, "")
     if given:
-        more = NOISE_OF_INPUTS if diagnosed.from_inputs(name) > INPUT_NOISE_THRESHOLD else ""
+        more = (
+            NOISE_OF_INPUTS
+            if not diagnosed.correlated_noise and diagnosed.from_inputs(name) > INPUT_NOISE_THRESHOLD
+            else ""
+        )
         given = f"{given} given{more}"
     return Gap(
         name,
@@ -185,6 +190,8 @@ def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray]) -> Gap:
         given,
         _floor_parts(diagnosed, name),
         reported_share(diagnosed.models[-1], i),
+        tuple(rms(r, rows) for r in whitened) if diagnosed.correlated_noise else (),
+        sigma * float(np.sqrt(diagnosed.search.noise_variance)),
     )
 
 

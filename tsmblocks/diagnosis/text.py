@@ -97,7 +97,9 @@ def errors_table(segment: Segment, gap: Gap, most: int | None = None) -> str:
     ]
     shown = _largest(gap, most)
     rows += [(cut(name, _name_length()), gap.experiments[name], fitted.get(name, ())) for name in shown]
-    rows.append((floor, (gap.noise_floor,), ()))
+    if gap.whitened:
+        rows += [("with noise of the inputs", (gap.noise_floor,), ()), ("all, beside that noise", gap.whitened, ())]
+    rows.append((floor, (gap.judged_floor,), ()))
     table = [["", *line] for line in titles[:-1]] + [[first, *titles[-1]]]
     for name, held_out, own in rows:
         cells = [name, *(digits(k * v) for v in (*held_out, *own[: len(last)]))]

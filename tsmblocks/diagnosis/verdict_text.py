@@ -161,7 +161,7 @@ def _that(gap: Gap) -> str:
 
 def _outliers(gap: Gap) -> str:
     """A remark on a residual above the noise floor that is within it without its outliers."""
-    if not gap.outliers or not gap.held_out[-1] > REMAINING_ERROR_RATIO * gap.noise_floor >= gap.rest:
+    if not gap.outliers or not gap.judged[-1] > REMAINING_ERROR_RATIO * gap.judged_floor >= gap.rest:
         return ""
     return f" Outliers hold {percent(gap.outliers)} of its mean square; the rest is within the noise."
 
@@ -182,17 +182,17 @@ def _shape(segment: Segment) -> str:
             return "The residual is too large for noise."
         return f"The residual is irregular: {UNPREDICTED}, and it is too large for noise."
     gap = worst_gap(segment)
-    share = percent(min(segment.predictable[1] * gap.held_out[0] ** 2 / _variance_above_floor(gap), 1.0))
+    share = percent(min(segment.predictable[1] * gap.judged[0] ** 2 / _variance_above_floor(gap), 1.0))
     return f"Of the variance above the noise floor, {share} is predicted from the recorded signals on held-out data."
 
 
 def slow_noise(segment: Segment) -> str:
     """A remark on a residual above the noise floor that is not predicted: slow noise, or a model error."""
     gap = worst_gap(segment)
-    if gap.given or not gap.rest > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
+    if gap.given or not gap.rest > REMAINING_ERROR_RATIO * gap.judged_floor > 0:
         return ""
     return (
-        f" {_that(gap)} {to_digits(gap.rest / gap.noise_floor)} times the noise floor ({floor_text(gap)}), but "
+        f" {_that(gap)} {to_digits(gap.rest / gap.judged_floor)} times the noise floor ({floor_text(gap)}), but "
         f"{UNPREDICTED} on held-out data: slow noise of that size and a model error of a form that was not tried are "
         "indistinguishable."
     )
@@ -200,7 +200,7 @@ def slow_noise(segment: Segment) -> str:
 
 def _implausible_floor(segment: Segment) -> str:
     """A warning of a noise floor above the residual."""
-    high = [g.output for g in segment.gaps if g.given and g.held_out[0] * MAX_FLOOR_RATIO < g.noise_floor]
+    high = [g.output for g in segment.gaps if g.given and g.judged[0] * MAX_FLOOR_RATIO < g.judged_floor]
     return f" But the noise floor given for {listed(high, 3)} is implausible: the residual is smaller." if high else ""
 
 
@@ -221,7 +221,7 @@ def _size(effect: NamedEffect, segment: Segment) -> str:
 
 def worst_gap(segment: Segment) -> Gap:
     """The errors of the output that is farthest above its noise floor."""
-    return max(segment.gaps, key=lambda g: g.held_out[0] / g.noise_floor if g.noise_floor > 0 else 0.0)
+    return max(segment.gaps, key=lambda g: g.judged[0] / g.judged_floor if g.judged_floor > 0 else 0.0)
 
 
 def _reduction(segment: Segment) -> str:
@@ -230,15 +230,15 @@ def _reduction(segment: Segment) -> str:
     share = _share_removed(gap)
     them = "it" if len(segment.effects) == 1 else "them"
     falls = (
-        f"With {them}, the error of {gap.output} on held-out data falls from {digits(k * gap.held_out[0])} to "
-        f"{_rms(k * gap.held_out[-1], unit)}"
+        f"With {them}, the {_error_of(gap)} {_goes(gap)} from {digits(k * gap.judged[0])} to "
+        f"{_rms(k * gap.judged[-1], unit)}"
     )
-    floor, others = digits(k * gap.noise_floor), _other_outputs(segment, gap)
-    if gap.held_out[-1] * MAX_FINAL_FLOOR_RATIO < gap.noise_floor and not gap.given:
+    floor, others = digits(k * gap.judged_floor), _other_outputs(segment, gap)
+    if gap.judged[-1] * MAX_FINAL_FLOOR_RATIO < gap.judged_floor and not gap.given:
         return f"{falls}, below the noise floor estimated from {gap.method}, {floor}, which is too high.{others}"
-    if gap.held_out[-1] < REMAINING_ERROR_RATIO * gap.noise_floor or not gap.noise_floor > 0:
+    if gap.judged[-1] < REMAINING_ERROR_RATIO * gap.judged_floor or not gap.judged_floor > 0:
         # Else there is nothing that a share could be of; where more than noise is left, the floor does not measure it.
-        above = segment.complete and gap.held_out[0] > gap.noise_floor
+        above = segment.complete and gap.judged[0] > gap.judged_floor
         by = f", by {percent(share)} of the variance above the noise floor" if above else ""
         return f"{falls} (noise floor {floor}){by}.{others}"
     if segment.complete:
@@ -249,23 +249,23 @@ def _reduction(segment: Segment) -> str:
 
 def _share_removed(gap: Gap) -> float:
     """The share of the variance of an output above its noise floor that the effects remove, on held-out data."""
-    return min((gap.held_out[0] ** 2 - gap.held_out[-1] ** 2) / _variance_above_floor(gap), 1.0)
+    return min((gap.judged[0] ** 2 - gap.judged[-1] ** 2) / _variance_above_floor(gap), 1.0)
 
 
 def _variance_above_floor(gap: Gap) -> float:
     """The variance of the base's error, on held-out data, above the noise floor."""
-    return max(gap.held_out[0] ** 2 - gap.noise_floor**2, 1e-300)
+    return max(gap.judged[0] ** 2 - gap.judged_floor**2, 1e-300)
 
 
 def _other_outputs(segment: Segment, reported: Gap) -> str:
     """A sentence on the errors of the other outputs that were above their noise floor."""
     found = list[str]()
     for gap in segment.gaps:
-        if gap is reported or not gap.held_out[0] > REMAINING_ERROR_RATIO * gap.noise_floor > 0:
+        if gap is reported or not gap.judged[0] > REMAINING_ERROR_RATIO * gap.judged_floor > 0:
             continue
         k, unit = display_unit(gap.unit)
-        before, floor = digits(k * gap.held_out[0]), digits(k * gap.noise_floor)
-        after = _rms(k * gap.held_out[-1], unit)
+        before, floor = digits(k * gap.judged[0]), digits(k * gap.judged_floor)
+        after = _rms(k * gap.judged[-1], unit)
         if after.partition(" ")[0] == before:
             continue
         found.append(f" The error of {gap.output} {_goes(gap)} from {before} to {after} (noise floor {floor}).")
@@ -274,16 +274,22 @@ def _other_outputs(segment: Segment, reported: Gap) -> str:
 
 def _goes(gap: Gap) -> str:
     """Whether the error of an output falls with the effects."""
-    return "falls" if gap.held_out[-1] <= gap.held_out[0] else "grows"
+    return "falls" if gap.judged[-1] <= gap.judged[0] else "grows"
+
+
+def _error_of(gap: Gap) -> str:
+    """The error of an output that a verdict is about, in words."""
+    beside = ", beside what noise of the inputs adds," if gap.whitened else ""
+    return f"error of {gap.output} on held-out data{beside}"
 
 
 def _noise_that_remains(gap: Gap) -> str:
     """Why a model is complete that leaves more than the noise floor."""
     k, unit = display_unit(gap.unit)
-    floor = f"{digits(k * gap.noise_floor)} {unit}".rstrip()
+    floor = f"{digits(k * gap.judged_floor)} {unit}".rstrip()
     if within := _outliers(gap):
         return within.lstrip()
-    ratio = gap.rest / gap.noise_floor
+    ratio = gap.rest / gap.judged_floor
     return (
         f"{_that(gap)} {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}), but {UNPREDICTED} on "
         "held-out data: it is slow noise, or a model error of a form that was not tried."
@@ -293,7 +299,7 @@ def _noise_that_remains(gap: Gap) -> str:
 def _remaining(segment: Segment, gap: Gap) -> str:
     """A sentence on a residual above the noise floor that the effects do not explain."""
     further = by_removed(r for r in segment.ranking if r.round > len(segment.effects))
-    still = f"That is still {gap.held_out[-1] / gap.noise_floor:.1f} times the noise floor"
+    still = f"That is still {gap.judged[-1] / gap.judged_floor:.1f} times the noise floor"
     if segment.stopped:
         return f"{still}: the search was stopped before every effect had been tried beside the named ones."
     small = next((r for r in further if r.why_not == NOT_ACCEPTED), None)
@@ -330,10 +336,7 @@ def _in_doubt(segment: Segment) -> str:
 def _error(segment: Segment) -> str:
     gap = worst_gap(segment)
     k, unit = display_unit(gap.unit)
-    return (
-        f"The error of {gap.output} on held-out data is {_rms(k * gap.held_out[0], unit)}, "
-        f"its noise floor {digits(k * gap.noise_floor)}."
-    )
+    return f"The {_error_of(gap)} is {_rms(k * gap.judged[0], unit)}, its noise floor {digits(k * gap.judged_floor)}."
 
 
 def segments_by_verdict(diagnosis: Diagnosis) -> list[Segment]:
