@@ -263,7 +263,8 @@ def test_filtering_says_what_it_did():
     )
     assert x.filtered().unit("x") == "rad"
     assert x.notes == ()
-    assert record(T, z=np.zeros(2000)).filtered().notes == ("z was not filtered: its spectrum shows no noise.",)
+    text = "z was not filtered: no noise stands out from its motion in the spectrum."
+    assert record(T, z=np.zeros(2000)).filtered().notes == (text,)
 
 
 UNEVEN = np.r_[T[:100], T[100:200] + 0.002]

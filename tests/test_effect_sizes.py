@@ -97,6 +97,7 @@ def test_units_are_those_of_the_signals():
     assert size.unit_for("", "rad") == "1/rad"
     assert size.unit_for("rad", "rad") == ""
     assert size.unit_for("cm", "") == "cm"
+    assert size.unit_for("mm", "m/s^2") == "mm/(m/s^2)"
     assert attrs.evolve(size, unit="{u}/s").unit_for("rad/s", "") == "rad/s^2"
     assert attrs.evolve(size, unit="{x}*s").unit_for("V", "rad/s") == "rad"
     assert attrs.evolve(size, unit="ms").unit_for("rad", "rad") == "ms"

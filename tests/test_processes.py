@@ -94,7 +94,7 @@ def test_a_note_names_the_step_of_a_reading_that_is_most_of_the_noise():
     record = recorded(1)
     coarse = record.with_signal("temp", np.round(record["temp"]), "degC")
     (note,) = (text for text in noise_floors({"run": coarse}, BALANCE, ["temp"], {}).notes if "quantised" in text)
-    assert note.startswith("temp is quantised in steps of 1 degC: rounding, 0.289 degC rms, is most of its noise.")
+    assert note.startswith("temp is quantised in steps of 1 degC: rounding, 0.289 degC rms, is most of its noise from ")
     assert not [text for text in noise_floors({"run": record}, BALANCE, ["temp"], {}).notes if "quantised" in text]
 
 

@@ -52,6 +52,16 @@ def test_a_limit_that_the_signal_does_not_reach(high, remarked):
     )
 
 
+def test_a_recording_that_begins_later_is_simulated_from_there():
+    """It was left out, and a limit that its signal reaches was called beyond the range of the others."""
+    fit = fitted(Saturation(low=-3.0), "u", "block.high", 0.6, 0.6)
+    early = fit.records["run"].part(0.0, 0.1)
+    pieces = {"early": early, "late": fit.records["run"].part(0.5, 3.0)}
+    found = tsm.fit(fit.diagram, pieces, free=["block.high"], starts=1, step=0.01)
+    assert found["block.high"].value == pytest.approx(0.6, abs=0.01)
+    assert beyond_range(found) == []
+
+
 def test_parameters_that_were_not_fitted_are_not_examined():
     fit = fitted(CoulombFriction(smoothing=5.0), "v", "block.level", 1.0, 0.5)
     assert beyond_range(fit) == []

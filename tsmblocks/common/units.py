@@ -278,8 +278,13 @@ def _derived(label: str, unit: Callable[[str], str]) -> str:
 def unit_over(label: str, below: str) -> str:
     """The label over another one, ``deg/min``; displayed as the label above is, and as a recorded signal below."""
     if not isinstance(below, DisplayedUnit):
-        return _derived(label, lambda above: f"{above}/{below}")
-    return DisplayedUnit(f"{label}/{below}", f"{display_unit(label)[1]}/{below.shown}")
+        return _derived(label, lambda above: f"{above}/{in_one(below)}")
+    return DisplayedUnit(f"{label}/{in_one(below)}", f"{display_unit(label)[1]}/{in_one(below.shown)}")
+
+
+def in_one(label: str) -> str:
+    """A label as one factor of another, in parentheses where it is a product or a quotient: ``(m/s^2)``."""
+    return f"({label})" if "/" in label or "*" in label else label
 
 
 PREFIXED = ("s", "Hz", "m", "N", "A", "V", "W", "J", "Pa", "ohm", "H", "Nm")

@@ -139,7 +139,7 @@ def filtered(
     for name in wanted:
         chosen = cutoff or choose_cutoff(self[name], self.step, order)
         if chosen is None:
-            notes.append(f"{name} was not filtered: its spectrum shows no noise.")
+            notes.append(f"{name} was not filtered: no noise stands out from its motion in the spectrum.")
             continue
         signals[name] = low_pass(self[name], self.step, chosen, order)
         gone = _rms_text(self[name] - signals[name], self.unit(name))

@@ -68,14 +68,15 @@ def taken_over(fit: Fit, effects: Collection[str]) -> list[str]:
 
 
 def cautions(fit: Fit, across: Mapping[str, float | None], complete: bool = True) -> list[str]:
-    """Cautions on effects and estimates, a sentence each; many on initial states as one sentence.
+    """Cautions on effects and estimates, a sentence each; initial states in one if many, or of pieces.
 
     ``across`` is that of ``do_not_carry_over``, for each block that was added; ``complete`` is False where the model
     leaves more than noise. Of correlations those with a parameter of an effect count: others do not bear on it.
     """
     fit = without(_with_correlations_of(fit, across), _idle(fit))
     every, others = estimate_cautions(fit), estimate_cautions(without(fit, _states(fit)))
-    few = len(every) - len(others) <= MAX_STATE_CAUTIONS
+    pieces = any(PIECE_SEPARATOR in name for name in _states(fit))
+    few = len(every) - len(others) <= MAX_STATE_CAUTIONS and not pieces
     estimates = every if few else [*others, *_on_states(fit)]
     first = [*taken_over(fit, across), *do_not_carry_over(across), *([] if complete else [INCOMPLETE])]
     return [*first, *estimates, *beyond_range(fit)]

@@ -153,7 +153,8 @@ def _rounding(found: Noise, unit: str) -> str:
         return ""
     return (
         f"{found.name} is quantised in steps of {in_display_units(step, unit)}: rounding, "
-        f"{in_display_units(rms, unit)} rms, is most of its noise. Finer steps would show smaller effects."
+        f"{in_display_units(rms, unit)} rms, is most of its noise from sample to sample. Finer steps would show "
+        "smaller effects."
     )
 
 

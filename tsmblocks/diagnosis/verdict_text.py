@@ -224,8 +224,13 @@ def worst_gap(segment: Segment) -> Gap:
     return max(segment.gaps, key=lambda g: g.judged[0] / g.judged_floor if g.judged_floor > 0 else 0.0)
 
 
+def _most_reduced(segment: Segment) -> Gap:
+    """The errors of the output whose mean square falls by most, in noise floors."""
+    return max(segment.gaps, key=lambda g: (g.judged[0] ** 2 - g.judged[-1] ** 2) / max(g.judged_floor, 1e-300) ** 2)
+
+
 def _reduction(segment: Segment) -> str:
-    gap = worst_gap(segment)
+    gap = _most_reduced(segment)
     k, unit = display_unit(gap.unit)
     share = _share_removed(gap)
     them = "it" if len(segment.effects) == 1 else "them"

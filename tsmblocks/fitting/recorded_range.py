@@ -87,6 +87,7 @@ def _simulated(fit: Fit) -> Iterator[tuple[str, Any]]:
                 run = simulate(
                     diagram,
                     inputs=dict.fromkeys(diagram.inports, record),
+                    start=record.t[0],
                     step=known.step_of(name) or fit.step,
                     method=known.method or fit.integrator,
                     hold=fit.hold,

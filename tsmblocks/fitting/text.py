@@ -145,7 +145,9 @@ def estimate_cautions(fit: Fit) -> list[str]:
         strongest.setdefault(words, c)
     said += [f"{words} are hard to distinguish (correlation {c:+.3f})." for words, c in [*strongest.items()][:MOST]]
     if len(strongest) > MOST:
-        said.append(f"So are {len(strongest) - MOST} more pairs, above a correlation of {CLOSE:g}.")
+        more = len(strongest) - MOST
+        pairs_are = "is one more pair" if more == 1 else f"are {more} more pairs"
+        said.append(f"So {pairs_are}, above a correlation of {CLOSE:g}.")
     return said
 
 
