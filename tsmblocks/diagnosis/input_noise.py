@@ -24,9 +24,9 @@ from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.whitening import Whitening
 from tsmblocks.model.diagram import Diagram
 
-MIN_PROPAGATED = 1.0
+MIN_PROPAGATED = 0.1
 """Variance that noise of the inputs adds to the outputs [output noise variances] from which residuals are whitened.
-Chosen: as much as the noise of the outputs."""
+Chosen: an effect that is named removes 6 % of the noise at least."""
 MOST_NODES = 1200
 """Instants of all experiments and inputs together at which errors of inputs are independent, at most. Chosen: for the
 run time; each takes a simulation of its experiment."""

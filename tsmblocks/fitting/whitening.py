@@ -1,7 +1,7 @@
 """Whitening of residuals whose errors are correlated, as those are that the noise of an input causes.
 
-Least squares of whitened residuals is generalised least squares. Source: Aitken, On least squares and linear combination
-of observations, Proceedings of the Royal Society of Edinburgh 55 (1936), 42-48.
+Least squares of whitened residuals is generalised least squares. Source: Aitken, On least squares and linear
+combination of observations, Proceedings of the Royal Society of Edinburgh 55 (1936), 42-48.
 """
 
 from __future__ import annotations
