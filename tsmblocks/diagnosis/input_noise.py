@@ -30,6 +30,8 @@ Chosen: an effect that is named removes 6 % of the noise at least."""
 MOST_NODES = 1200
 """Instants of all experiments and inputs together at which errors of inputs are independent, at most. Chosen: for the
 run time; each takes a simulation of its experiment."""
+MOST_VALUES = 10_000_000
+"""Values of the changes of the outputs of one experiment by these errors, at most. Chosen: 80 MB."""
 FEWEST_NODES = 16
 """The same for one experiment, at least. Chosen: an integrating plant answers to the slowest errors most."""
 BAND = (2.0, 4.0)
@@ -167,8 +169,9 @@ def _causes(model: Model, e: int, noises: Mapping[str, NoiseOfInput]) -> np.ndar
     """
     experiment, columns = model.setup.experiments[e], list[np.ndarray]()
     record, p = experiment.record, model.problem.unknowns.parameters(model.theta, e)
-    most = max(MOST_NODES // (len(model.setup.experiments) * max(len(noises), 1)), FEWEST_NODES)
     clean = experiment.outputs(p)
+    most = min(MOST_NODES // len(model.setup.experiments), MOST_VALUES // clean.size) // max(len(noises), 1)
+    most = max(most, FEWEST_NODES)
     for name, one in noises.items():
         distance = max(0.5 / (one.cutoff * record.step) if one.cutoff else 1.0, len(record) / most, 1.0)
         for middle in np.arange(0.0, len(record) - 1 + distance, distance):

@@ -332,9 +332,10 @@ def _in_doubt(segment: Segment) -> str:
         return ""
     one = ("was", "it", "its value there was a guess")
     verb, them, guess = one if len(segment.in_doubt) == 1 else ("were", "they", "their values there were guesses")
+    sizes = ", and so may the sizes reported" if segment.effects else ""
     return (
         f" Beside this error, {listed(segment.in_doubt, 4)} {verb} fitted far from the diagram: unless {guess}, "
-        f"{them} may compensate for what is missing, and so may the sizes reported."
+        f"{them} may compensate for what is missing{sizes}."
     )
 
 
