@@ -61,6 +61,8 @@ def test_the_rate_of_an_angle_is_shown_in_degrees_as_the_angle_is():
         (DisplayedUnit("m", "mm"), "m", "", ""),
         ("", DisplayedUnit("m", "mm"), "1/m", "1/mm"),
         ("rad", "V", "rad/V", "rad/V"),
+        (DisplayedUnit("m", "mm"), "m/s^2", "m/(m/s^2)", "mm/(m/s^2)"),
+        ("m", DisplayedUnit("rad/s", "rpm"), "m/(rad/s)", "m/rpm"),
     ],
 )
 def test_a_size_per_signal_is_shown_in_the_units_of_both(wire, other, label, shown):

@@ -33,13 +33,24 @@ def test_units_of_a_motors_data_sheet():
     assert factor("mN*m/A", "Nm/A") == pytest.approx(1e-3)
 
 
+def test_a_unit_over_a_quotient():
+    assert factor("mm/(m/s^2)", "m*s^2/m") == pytest.approx(1e-3)
+    assert factor("V/(rad/s)", "V*s/rad") == 1.0
+
+
+@pytest.mark.parametrize("label", ["m/(m/s", "m/((m/s))", "m/(/s)", "/(m/s)", "m/()"])
+def test_parentheses_that_hold_no_unit(label):
+    with pytest.raises(UnitError, match="is not a unit known here"):
+        factor(label, "m")
+
+
 @pytest.mark.parametrize("label", ["N/m*s", "rad/V*s", "1/s*m/kg"])
 def test_a_product_below_the_line_wants_brackets(label):
     with pytest.raises(UnitError, match="can be read in two ways"):
         units.parse(label)
 
 
-@pytest.mark.parametrize("label", ["m/(s/kg)", "(N*m", "N(m)", "(m)(s)"])
+@pytest.mark.parametrize("label", ["(N*m", "N(m)", "(m)(s)"])
 def test_brackets_that_do_not_close_are_refused(label):
     with pytest.raises(UnitError, match="is not a unit known here"):
         units.parse(label)

@@ -135,7 +135,7 @@ class UnitError(TsmError):
 
 
 def parse(label: str) -> Unit:
-    """Parse ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``. Raises UnitError with the near miss.
+    """Parse ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``, ``m/(m/s^2)``. Raises UnitError with the near miss.
 
     ``N/m*s`` is refused, since it can mean ``N/(m*s)`` and ``N*s/m``.
     """
@@ -167,6 +167,10 @@ def _words(label: str) -> Iterator[tuple[str, int]]:
     """The factors of a label, each with 1 in the numerator and -1 in the denominator. Raises UnitError."""
     text = label.strip().replace("μ", "µ")  # the Greek letter for the sign of the same look
     text = re.sub(r"^\(([^()]*)\)$", r"\1", _ALIAS.get(text, text))
+    if quotients := re.fullmatch(r"([^()]+)/\(([^()]+/[^()]+)\)", text):  # m/(m/s^2)
+        yield from _words(quotients[1])
+        yield from ((word, -sign) for word, sign in _words(quotients[2]))
+        return
     for k, part in enumerate(p.strip() for p in text.split("/")):
         inside = re.fullmatch(r"\(([^()]+)\)", part)
         words = re.split(r"[*·. ]+", (inside[1] if inside else part).strip())
