@@ -108,7 +108,8 @@ def residual_coordinates(
     """
     if excess <= 0:
         return ()
-    shares = {name: _share(r, binned(values, BIN_COUNT), blocks.fold, excess) for name, values in known.items()}
+    varying = {name: values for name, values in known.items() if np.ptp(values) > 0}  # of one experiment none differs
+    shares = {name: _share(r, binned(values, BIN_COUNT), blocks.fold, excess) for name, values in varying.items()}
     found = [
         ResidualCoordinate(name, min(share, 1.0), words_for(COORDINATES[name][1], *of))
         for name, share in shares.items()
