@@ -67,7 +67,7 @@ class Commands:
                 "same way, give --hold zero."
                 for k in self.held
             ),
-            *(f"{k} was not filtered: its fast part, which looks like noise, drives the outputs." for k in self.exact),
+            *(f"{k} was not filtered: the outputs follow its fast part, so that is no noise." for k in self.exact),
         ]
 
 
