@@ -63,6 +63,8 @@ def test_the_rate_of_an_angle_is_shown_in_degrees_as_the_angle_is():
         ("rad", "V", "rad/V", "rad/V"),
         (DisplayedUnit("m", "mm"), "m/s^2", "m/(m/s^2)", "mm/(m/s^2)"),
         ("m", DisplayedUnit("rad/s", "rpm"), "m/(rad/s)", "m/rpm"),
+        ("m", "N m", "m/(N m)", "m/(N m)"),
+        ("m", "1/(V*s)", "m*V*s", "m*V*s"),
     ],
 )
 def test_a_size_per_signal_is_shown_in_the_units_of_both(wire, other, label, shown):

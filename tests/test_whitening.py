@@ -68,3 +68,37 @@ def test_a_problem_whitens_residuals_derivatives_and_costs_alike():
     assert gradient == pytest.approx(changed.dense().T @ other)
     assert matrix == pytest.approx(changed.dense().T @ changed.dense())
     assert whitened.costs(np.array([theta, 0.9 * theta])) == pytest.approx([cost, whitened.cost(0.9 * theta)])
+
+
+def test_samples_that_were_not_measured_stay_without_weight():
+    plain, whitened, whitening = problem()
+    one = plain.experiments[1]
+    counted = np.ones((len(one.t), 1))
+    counted[5:9] = 0.0
+    experiments = plain.experiments[0], attrs.evolve(one, counted=counted)
+    masked = attrs.evolve(whitened, experiments=experiments)
+    theta, rows = plain.unknowns.start * 1.1, plain.rows[1]
+    expected = whitening.whitened(plain.residuals(theta)[rows] * counted[:, 0])
+    assert masked.residuals(theta)[rows] == pytest.approx(expected)
+    _, y = masked.output_sets(np.array([theta]))
+    assert masked.residuals_of(1, y)[:, 0] == pytest.approx(expected)
+
+
+def test_two_outputs_are_whitened_together():
+    t = np.arange(0, 2, 0.05)
+    pair = tsm.Diagram(
+        blocks=dict(fast=FirstOrderLag(time_constant=0.1), slow=FirstOrderLag(time_constant=0.5)),
+        inputs=dict(u=["fast.u", "slow.u"]),
+        outputs=dict(y="fast", z="slow"),
+    )
+    signals = dict(u=np.sin(5 * t), y=np.cos(3 * t), z=np.sin(t))
+    made, _ = pose(pair, tsm.Record("one", t, signals, {}))
+    whitening = Whitening.of(DRAW.standard_normal((2 * len(t), 3)))
+    whitened, theta = attrs.evolve(made, whitening={0: whitening}), made.unknowns.start
+    r, J = made.jacobian(theta)
+    other, changed = whitened.jacobian(theta)
+    assert other == pytest.approx(whitening.whitened(r))
+    assert changed.dense() == pytest.approx(whitening.whitened(J.dense()))
+    assert whitened.normal(theta)[2] == pytest.approx(changed.dense().T @ changed.dense())
+    (y,) = whitened.output_sets(np.array([theta]))
+    assert whitened.residuals_of(0, y)[:, 0] == pytest.approx(other)

@@ -168,8 +168,7 @@ def _words(label: str) -> Iterator[tuple[str, int]]:
     text = label.strip().replace("μ", "µ")  # the Greek letter for the sign of the same look
     text = re.sub(r"^\(([^()]*)\)$", r"\1", _ALIAS.get(text, text))
     if quotients := re.fullmatch(r"([^()]+)/\(([^()]+/[^()]+)\)", text):  # m/(m/s^2)
-        yield from _words(quotients[1])
-        yield from ((word, -sign) for word, sign in _words(quotients[2]))
+        yield from (*_words(quotients[1]), *((word, -sign) for word, sign in _words(quotients[2])))
         return
     for k, part in enumerate(p.strip() for p in text.split("/")):
         inside = re.fullmatch(r"\(([^()]+)\)", part)
@@ -190,10 +189,7 @@ def _name_and_power(word: str) -> tuple[str, str]:
 
 
 def factor(source: str, target: str) -> float:
-    """The number that converts a value in ``source`` to ``target`` by multiplication.
-
-    Raises UnitError when the two measure different quantities.
-    """
+    """The factor that converts a value in ``source`` to ``target``. Raises UnitError for different quantities."""
     a, b = parse(source), parse(target)
     if a.dimension != b.dimension:
         raise UnitError(f"'{source}' does not convert to '{target}'.{_hint(a, b)}")
@@ -281,14 +277,16 @@ def _derived(label: str, unit: Callable[[str], str]) -> str:
 
 def unit_over(label: str, below: str) -> str:
     """The label over another one, ``deg/min``; displayed as the label above is, and as a recorded signal below."""
-    if not isinstance(below, DisplayedUnit):
-        return _derived(label, lambda above: f"{above}/{in_one(below)}")
-    return DisplayedUnit(f"{label}/{in_one(below)}", f"{display_unit(label)[1]}/{in_one(below.shown)}")
+    if isinstance(below, DisplayedUnit):
+        return DisplayedUnit(per(label, below), per(display_unit(label)[1], below.shown))
+    return _derived(label, lambda above: per(above, below))
 
 
-def in_one(label: str) -> str:
-    """A label as one factor of another, in parentheses where it is a product or a quotient: ``(m/s^2)``."""
-    return f"({label})" if "/" in label or "*" in label else label
+def per(above: str, below: str) -> str:
+    """A label over another one, that in parentheses where it is a product or a quotient: ``m/(m/s^2)``."""
+    if "(" in below:
+        return quotient(above, below)
+    return f"{above}/({below})" if re.search(r"[/*·. ]", below) else f"{above}/{below}"
 
 
 PREFIXED = ("s", "Hz", "m", "N", "A", "V", "W", "J", "Pa", "ohm", "H", "Nm")

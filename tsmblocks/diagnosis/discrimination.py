@@ -72,6 +72,8 @@ def separating_experiment(
     best = max(separations(named, rivals, records, settings), key=lambda one: one.size, default=None)
     if best is None:
         return own.separates
+    if settings.whitening:  # beside noise of the inputs the number is not known
+        return best.words if best.size >= MIN_SEPARATION else own.separates
     if not best.size >= MIN_SEPARATION:
         return (
             f"{own.separates}; or a larger range or a higher speed than recorded. No motion within the recorded range "

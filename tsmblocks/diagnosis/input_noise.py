@@ -18,22 +18,23 @@ from tsmblocks.data.conditioning import conditioned
 from tsmblocks.data.fast_noise import sample_to_sample_noise
 from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass, white_noise_power
 from tsmblocks.data.resampling import evenly_sampled
-from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, nearest, optimized
+from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, nearest, optimized, whitened_problem
 from tsmblocks.diagnosis.partition import experiment_of
-from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.experiments import Experiment
 from tsmblocks.fitting.whitening import Whitening
 from tsmblocks.model.diagram import Diagram
 
 MIN_PROPAGATED = 0.1
 """Variance that noise of the inputs adds to the outputs [output noise variances] from which residuals are whitened.
 Chosen: an effect that is named removes 6 % of the noise at least."""
-MOST_NODES = 1200
+MOST_NODES = 5000
 """Instants of all experiments and inputs together at which errors of inputs are independent, at most. Chosen: for the
 run time; each takes a simulation of its experiment."""
-MOST_VALUES = 10_000_000
-"""Values of the changes of the outputs of one experiment by these errors, at most. Chosen: 80 MB."""
+MOST_VALUES = 20_000_000
+"""Values of the changes of the outputs by these errors, at most, unless recordings are very long. Chosen: 160 MB."""
 FEWEST_NODES = 16
-"""The same for one experiment, at least. Chosen: an integrating plant answers to the slowest errors most."""
+"""Such instants of each input of an experiment, at least. Chosen: an integrating plant answers to the slowest errors
+most."""
 BAND = (2.0, 4.0)
 """Frequencies over the cut-off of a filter at which the noise of an input is seen. Chosen: the motion is below them,
 and the noise not far from where the filter leaves it."""
@@ -47,14 +48,15 @@ MAX_UNFILTERED = 0.02
 command with a new value at each sample differs by more."""
 FACTORS = tuple(2.0 ** (k / 2) for k in range(5))
 """Factors on the noise that is seen above the cut-off of a filter. Chosen: noise that falls with the frequency is
-stronger below it; the outputs tell by how much, though they show model errors as well."""
+stronger below it. The residuals of the base tell by how much; where an effect is missing they tell too much, and small
+effects on the input are missed beside it."""
 
 
 @attrs.frozen
 class NoiseOfInput:
     """Noise of an input, above whose ``cutoff`` [Hz] a filter has removed it; None where it is all there.
 
-    ``rms`` is that of white noise as strong as the noise below the cut-off, in the unit of the recording.
+    ``rms`` is that of white noise as strong as the noise above its motion, in the unit of the recording.
     """
 
     rms: float
@@ -67,10 +69,10 @@ NoiseByInput = Mapping[str, Mapping[str, NoiseOfInput]]
 
 @attrs.frozen
 class InputNoise:
-    """What noise of the inputs adds to the outputs: errors that are correlated, which are whitened.
+    """What noise of the inputs adds to the outputs, beside which residuals are whitened where it is much.
 
     ``left`` is the mean square [output noise variances] that the whitening does not account for. ``whitening`` is by
-    experiment.
+    experiment; it is empty where little is added.
     """
 
     left: float
@@ -78,12 +80,17 @@ class InputNoise:
 
     def whitened_base(self, base: Model) -> Model:
         """A base optimised on with residuals that are whitened."""
-        return nearest(optimized(_problem_whitened(base, self.whitening), base.setup, base.theta, FINE_TOLERANCE))
+        return nearest(
+            optimized(
+                whitened_problem(base.problem, base.setup, self.whitening), base.setup, base.theta, FINE_TOLERANCE
+            )
+        )
 
     def scaled_to(self, base: Model) -> InputNoise:
         """The noise as many times as large as is most likely by the residuals of a base, of ``FACTORS``."""
         factor = _likeliest(base, FACTORS)
-        return attrs.evolve(self, whitening={name: one.scaled(factor) for name, one in self.whitening.items()})
+        whitening = {name: one.scaled(factor) for name, one in self.whitening.items()}
+        return InputNoise(factor**2 * self.left, whitening)
 
 
 def input_noise(model: Model, noises: NoiseByInput, seed: int) -> InputNoise:
@@ -98,14 +105,8 @@ def input_noise(model: Model, noises: NoiseByInput, seed: int) -> InputNoise:
         if causes is not None and (whitening := Whitening.of(causes)) is not None:
             found[experiment.name] = whitening
     expected = sum(float(np.sum(one.sizes**2 / (1 + one.sizes**2))) for one in found.values())
-    left = float(np.sum(_problem_whitened(model, found).whitened(change) ** 2)) - expected
+    left = float(np.sum(whitened_problem(model.problem, model.setup, found).whitened(change) ** 2)) - expected
     return InputNoise(max(left / len(change), 0.0), found)
-
-
-def _problem_whitened(model: Model, whitening: Mapping[str, Whitening]) -> Problem:
-    """The problem of a model with residuals that are whitened, by experiment."""
-    named = enumerate(one.name for one in model.setup.experiments)
-    return attrs.evolve(model.problem, whitening={e: whitening[name] for e, name in named if name in whitening})
 
 
 def correlated_noise(model: Model) -> dict[str, float]:
@@ -128,21 +129,26 @@ def correlated_noise(model: Model) -> dict[str, float]:
 
 def _likeliest(model: Model, factors: Iterable[float]) -> float:
     """The factor on the correlated errors of a model that is most likely by its residuals."""
-    differences, problem = model.differences, model.problem
+    differences, rows = model.differences, model.problem.rows
 
     def deviance(factor: float) -> float:
-        pairs = problem.whitening.items()
-        return sum(one.scaled(factor).deviance(differences[problem.rows[e]]) for e, one in pairs)
+        pairs = model.problem.whitening.items()
+        return sum(one.scaled(factor).deviance(differences[rows[e]]) for e, one in pairs)
 
     return min(factors, key=deviance)
 
 
-def noise_by_input(raw: Mapping[str, Record], inputs: Iterable[str]) -> dict[str, dict[str, NoiseOfInput]]:
-    """The noise of measured inputs, by recording and input; ``raw`` are whole recordings before they are filtered."""
+def noise_by_input(
+    raw: Mapping[str, Record], inputs: Iterable[str], *, filtered: bool = True
+) -> dict[str, dict[str, NoiseOfInput]]:
+    """The noise of measured inputs, by recording and input; ``raw`` are whole recordings before it is ``filtered``."""
     names = tuple(inputs)
     even = {key: evenly_sampled(record) for key, record in raw.items()}
     found = {key: {name: _noise_of(one, name) for name in names if name in one} for key, one in even.items()}
-    return {key: {k: noise for k, noise in some.items() if noise is not None} for key, some in found.items()}
+    known = {key: {k: noise for k, noise in some.items() if noise is not None} for key, some in found.items()}
+    if filtered:
+        return known
+    return {key: {k: attrs.evolve(noise, cutoff=None) for k, noise in some.items()} for key, some in known.items()}
 
 
 def _noise_of(record: Record, name: str) -> NoiseOfInput | None:
@@ -170,8 +176,8 @@ def _causes(model: Model, e: int, noises: Mapping[str, NoiseOfInput]) -> np.ndar
     experiment, columns = model.setup.experiments[e], list[np.ndarray]()
     record, p = experiment.record, model.problem.unknowns.parameters(model.theta, e)
     clean = experiment.outputs(p)
-    most = min(MOST_NODES // len(model.setup.experiments), MOST_VALUES // clean.size) // max(len(noises), 1)
-    most = max(most, FEWEST_NODES)
+    most = min(MOST_NODES // len(model.setup.experiments), MOST_VALUES // model.problem.samples)
+    most = max(most // max(len(noises), 1), FEWEST_NODES)
     for name, one in noises.items():
         distance = max(0.5 / (one.cutoff * record.step) if one.cutoff else 1.0, len(record) / most, 1.0)
         for middle in np.arange(0.0, len(record) - 1 + distance, distance):
@@ -179,10 +185,15 @@ def _causes(model: Model, e: int, noises: Mapping[str, NoiseOfInput]) -> np.ndar
             triangle = np.maximum(1 - np.abs(np.arange(len(record)) - middle) / distance, 0.0)
             error = one.rms / np.sqrt(distance) * triangle
             moved = attrs.evolve(record, signals={**record.signals, name: record[name] + error})
-            change = (model.setup.prepared(e, record=moved).outputs(p) - clean) * model.problem.weights
-            counted = 1.0 if experiment.counted is None else experiment.counted
-            columns.append(np.where(np.isfinite(change), change * counted, 0.0).ravel(order="F"))
+            columns.append(_weighted(model.setup.prepared(e, record=moved).outputs(p) - clean, model, experiment))
     return np.stack(columns, axis=1) if columns else None
+
+
+def _weighted(change: np.ndarray, model: Model, experiment: Experiment) -> np.ndarray:
+    """A change of the outputs (samples, outputs) as one of the residuals (rows,): 0 where nothing was measured."""
+    counted = 1.0 if experiment.counted is None else experiment.counted
+    weighted: np.ndarray = np.where(np.isfinite(change), change * counted, 0.0) * model.problem.weights
+    return weighted.ravel(order="F")
 
 
 def propagated_input_noise(model: Model, noises: NoiseByInput, seed: int) -> float:
@@ -207,8 +218,7 @@ def _change(model: Model, noises: NoiseByInput, seed: int) -> np.ndarray:
         filtered = [name for name, one in own.items() if one.cutoff]
         other = model.setup.prepared(e, record=conditioned(record, filtered))
         p = model.problem.unknowns.parameters(model.theta, e)
-        change = (other.outputs(p) - experiment.outputs(p)) * model.problem.weights
-        result[rows] = np.where(np.isfinite(change), change, 0.0).ravel(order="F")
+        result[rows] = _weighted(other.outputs(p) - experiment.outputs(p), model, experiment)
     return result
 
 

@@ -147,6 +147,7 @@ def _of_sensor(score: ScreeningScore, base: Model) -> dict[str, str]:
     change = np.zeros(len(base.r))
     for rows in base.problem.segments[i::count]:
         change[rows] = base.problem.weights[i]
+    change = base.problem.whitened(change)
     space = column_space(base.J, SQUARED_EFFECT_TOLERANCE)
     components = space.basis.transposed_times(change[:, None])[:, 0]
     if square(change) - square(components) > MIN_SENSITIVITY * square(change):

@@ -114,11 +114,20 @@ class Model:
 
     @property
     def residual_rms(self) -> dict[str, float]:
-        """Residual rms of each output, divided by its noise, not whitened."""
+        """Residual rms of each output, divided by its noise."""
+        return self._rms(self.r)
+
+    def residual_rms_beside(self, whitening: Mapping[str, Whitening]) -> dict[str, float]:
+        """The same with another whitening, by experiment; without any where that is of other samples."""
+        problem = whitened_problem(self.problem, self.setup, whitening)
+        same = all(len(one.directions) == rows.stop - rows.start for one, rows in _of_rows(problem))
+        return self._rms(problem.whitened(self.differences) if same else self.differences)
+
+    def _rms(self, values: np.ndarray) -> dict[str, float]:
+        """Rms by output of values (N,) in the order of residuals."""
         result, segments, count = {}, self.problem.segments, len(self.setup.outputs)
-        differences = self.differences
         for k, name in enumerate(self.setup.outputs):
-            r = np.concatenate([differences[part] for part in segments[k::count]])
+            r = np.concatenate([values[part] for part in segments[k::count]])
             result[name] = float(np.sqrt(np.mean(r**2)))
         return result
 
@@ -251,9 +260,18 @@ def pose_model(
         integrator=settings.integrator,
         hold=settings.hold,
     )
-    named = (settings.whitening.get(one.name) for one in setup.experiments)
-    whitening = {e: one for e, one in enumerate(named) if one is not None}
-    return (attrs.evolve(problem, whitening=whitening) if whitening else problem), setup
+    return whitened_problem(problem, setup, settings.whitening), setup
+
+
+def whitened_problem(problem: Problem, setup: Setup, whitening: Mapping[str, Whitening]) -> Problem:
+    """The problem with residuals that are whitened, by name of the experiment."""
+    named = enumerate(one.name for one in setup.experiments)
+    return attrs.evolve(problem, whitening={e: whitening[name] for e, name in named if name in whitening})
+
+
+def _of_rows(problem: Problem) -> list[tuple[Whitening, slice]]:
+    """The whitening of experiments and their rows in the residuals."""
+    return [(one, problem.rows[e]) for e, one in problem.whitening.items()]
 
 
 def pose_extended(

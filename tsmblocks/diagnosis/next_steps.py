@@ -144,6 +144,8 @@ def _odd_experiments(segment: Segment) -> list[str]:
     """Experiments whose error is far from that of all others: something may have changed in one of them only."""
     found = dict[tuple[str, str], dict[str, float]]()
     for gap in segment.gaps:
+        if gap.whitened:  # errors by noise of the inputs differ from experiment to experiment by chance
+            continue
         rms = {name: errors[-1] for name, errors in gap.experiments.items()}
         odd = max(rms, key=lambda name: rms[name], default="")
         others = [value for name, value in rms.items() if name != odd]

@@ -42,7 +42,7 @@ class NoiseLevel:
 
     ``unpredicted`` is the mean square of the residual that nothing recorded predicts: the noise, and model errors that
     are not functions of what was recorded. ``is_given`` is True where the user gave it,
-    ``from_inputs`` the part that noise of the inputs causes.
+    ``from_inputs`` the part that noise of the inputs causes and whitening does not account for.
     """
 
     low: float
@@ -114,8 +114,8 @@ class NoiseFloors:
 def noise_level(floors: NoiseFloors, input_noise: float, unpredicted: float) -> NoiseLevel:
     """How large the noise may be, by its floors and by what is not predicted of the residual.
 
-    ``input_noise`` is the variance that noise of the inputs causes, but for what is ``whitened``. What was given is
-    right; an estimated floor misses noise that is slow, and is no higher than what is not predicted.
+    ``input_noise`` is the variance that noise of the inputs causes and whitening does not account for. What was given
+    is right; an estimated floor misses noise that is slow, and is no higher than what is not predicted.
     """
     ratios = [floors.largest_ratio(name) ** 2 for name in floors.sigma]
     low, high = 1 + input_noise, float(np.mean(ratios)) + input_noise

@@ -70,7 +70,9 @@ def _gap(gap: Gap) -> dict[str, Any]:
         "held_out": {"before": gap.held_out[0], "after": gap.held_out[-1]},
         "steps": {"train": gap.train, "held_out": gap.held_out},
         "outliers": gap.outliers,
-        "beside_input_noise": list(gap.whitened),
+        "beside_input_noise": {"held_out": list(gap.whitened), "noise_floor": gap.sensor_floor}
+        if gap.whitened
+        else None,
         "experiments": gap.experiments,
     }
 

@@ -123,10 +123,9 @@ class Prepared:
         likely = () if clear > CLEAR else _held_inputs(self.part, self.request.records).keys()
         return found_commands(model, self.raw, given & {*self.filtered}, self.may_be_held, distance, likely, clear)
 
-    @property
-    def error(self) -> float:
-        """The geometric mean of the residuals of the outputs, in their units."""
-        rms = self.base.residual_rms
+    def error(self, beside: InputNoise) -> float:
+        """The geometric mean of the residuals of the outputs, in their units, beside noise of the inputs."""
+        rms = self.base.residual_rms_beside(beside.whitening)
         return math.exp(sum(math.log(max(self.floors.sigma[k] * v, 1e-300)) for k, v in rms.items()) / len(rms))
 
 
@@ -143,8 +142,9 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
     if more := found.commands_of(found.base, ROUGH_DISTANCE):
         other = prepared(part, request, progress, commands.joined(more))
         doubtful = more.held and found.commands_of(found.base, SHARP_DISTANCE, SHARP_CLEAR).held != more.held
-        enough = other.base.mean_square <= MAX_SURE_ERROR and other.error < MAX_ERROR_SHARE * found.error
-        if (enough or not doubtful) and other.error < found.error and confirmed(other.base, found.base.setup):
+        before, after = (one.error(found.input_noise) for one in (found, other))
+        enough = other.base.mean_square <= MAX_SURE_ERROR and after < MAX_ERROR_SHARE * before
+        if (enough or not doubtful) and after < before and confirmed(other.base, found.base.setup):
             return other
     return found
 
@@ -152,7 +152,8 @@ def prepared(part: Part, request: Request, progress: ProgressCallback, commands:
 def prepared_again(ready: Prepared, commands: Commands, progress: ProgressCallback) -> Prepared:
     """Prepared with commands that a model with effects showed; as before where the base is worse with them."""
     other = prepared(ready.part, ready.request, progress, commands)
-    return other if other.error <= MAX_ERROR_GROWTH * ready.error else attrs.evolve(ready, settled=True)
+    before, after = (one.error(ready.input_noise) for one in (ready, other))
+    return other if after <= MAX_ERROR_GROWTH * before else attrs.evolve(ready, settled=True)
 
 
 def _with_commands(part: Part, request: Request, progress: ProgressCallback, commands: Commands) -> Prepared:
@@ -176,7 +177,8 @@ def _with_commands(part: Part, request: Request, progress: ProgressCallback, com
     base, floors, lowered = _base(part, records, settings, progress, floors, compared)
     settings = attrs.evolve(settings, sigma=floors.sigma)
     notes += [*floors.notes, *lowered]
-    noise = input_noise(base, noise_by_input(request.records, filtered), settings.seed)
+    noisy = noise_by_input(request.records, set(part.diagram.inputs) - exact, filtered=request.condition)
+    noise = input_noise(base, noisy, settings.seed)
     if noise.whitening:
         noise = noise.scaled_to(noise.whitened_base(base))
         settings = attrs.evolve(settings, whitening=noise.whitening)

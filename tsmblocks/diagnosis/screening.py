@@ -275,7 +275,7 @@ class _Screening:
         """Change of the weighted outputs against the base, shape (N, sets)."""
         results = np.empty((self.problem.samples, len(sets)))
         for e, (rows, y) in enumerate(zip(self.problem.rows, self.problem.output_sets(np.array(sets)), strict=True)):
-            results[rows] = self.problem.differences(e, y) - self.unchanged[rows, None]
+            results[rows] = self.problem.residuals_of(e, y) - self.unchanged[rows, None]
         diverged = ~(np.abs(results) < DIVERGENCE_THRESHOLD).all(axis=0)
         results[:, diverged] = 0.0  # a diverged simulation has no gain
         return results

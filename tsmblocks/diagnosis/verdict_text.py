@@ -36,6 +36,8 @@ LARGE_SHARE = 0.5
 """Share of the variance above the noise floor that an effect removes which was not named, from which a residual is not
 called irregular. Chosen: the larger part of it."""
 NOTHING_TO_REMOVE = "The error is within the noise: there is nothing above the noise floor to remove."
+BESIDE = ", beside what noise of the inputs adds,"
+"""What an error of whitened residuals is about."""
 ALL_SHARE = 0.995
 """Share from which it is printed as 100 %."""
 
@@ -273,7 +275,8 @@ def _other_outputs(segment: Segment, reported: Gap) -> str:
         after = _rms(k * gap.judged[-1], unit)
         if after.partition(" ")[0] == before:
             continue
-        found.append(f" The error of {gap.output} {_goes(gap)} from {before} to {after} (noise floor {floor}).")
+        error = f"error of {gap.output}{BESIDE if gap.whitened else ''}"
+        found.append(f" The {error} {_goes(gap)} from {before} to {after} (noise floor {floor}).")
     return "".join(found)
 
 
@@ -284,8 +287,7 @@ def _goes(gap: Gap) -> str:
 
 def _error_of(gap: Gap) -> str:
     """The error of an output that a verdict is about, in words."""
-    beside = ", beside what noise of the inputs adds," if gap.whitened else ""
-    return f"error of {gap.output} on held-out data{beside}"
+    return f"error of {gap.output} on held-out data{BESIDE if gap.whitened else ''}"
 
 
 def _noise_that_remains(gap: Gap) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import attrs
 
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.common.units import DisplayedUnit, in_one, times, unit_over
+from tsmblocks.common.units import DisplayedUnit, per, times, unit_over
 from tsmblocks.effects.trials import Scales
 
 OWN_UNITS = ("{u}", "{x}")
@@ -83,7 +83,7 @@ class Size:
         if not under:  # per a pure number
             return over
         recorded = DisplayedUnit in {type(over), type(under)}
-        return unit_over(over or "1", under) if recorded or under == "min" else f"{over or '1'}/{in_one(under)}"
+        return unit_over(over or "1", under) if recorded or under == "min" else per(over or "1", under)
 
 
 def in_proportion(name: str, parameter: str, unit: str = "{u}", factor: float = 1.0) -> Size:

@@ -94,7 +94,7 @@ def _cost(problem: Problem, theta: np.ndarray, e: int) -> float:
     experiment = problem.experiments[e]
     with np.errstate(over="ignore", invalid="ignore"):
         outputs = experiment.outputs(problem.unknowns.parameters(theta, e))
-        total = float(np.sum(problem.differences(e, outputs[:, :, None]) ** 2))
+        total = float(np.sum(problem.residuals_of(e, outputs[:, :, None]) ** 2))
     return total if np.isfinite(total) else np.inf
 
 

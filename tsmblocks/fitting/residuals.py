@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import itertools
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import attrs
@@ -99,22 +99,26 @@ class Problem:
         return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
 
     def residuals(self, theta: np.ndarray) -> np.ndarray:
-        """Weighted differences, simulation less measurement, shape (samples,)."""
+        """Weighted differences, simulation less measurement, shape (samples,); whitened where errors are correlated."""
         pairs = zip(runs.outputs(self.experiments, self._parameters(theta)), self.experiments, strict=True)
         return self.whitened(np.concatenate([(e.residuals(y) * self.weights).ravel(order="F") for y, e in pairs]))
 
     def whitened(self, values: np.ndarray) -> np.ndarray:
-        """Weighted differences (samples,), or columns of them, with those of correlated errors whitened in place."""
-        for e, whitening in self.whitening.items():
-            values[self.rows[e]] = whitening.whitened(values[self.rows[e]])
-        return values
+        """Weighted differences (samples,) as residuals: whitened where errors are correlated."""
+        return self._each(values, lambda whitening, part: whitening.whitened(part))
 
     def restored(self, residuals: np.ndarray) -> np.ndarray:
         """Weighted differences (samples,) of residuals, as they are before they are whitened."""
-        values = residuals.copy() if self.whitening else residuals
+        return self._each(residuals, lambda whitening, part: whitening.restored(part))
+
+    def _each(self, values: np.ndarray, change: Callable[[Whitening, np.ndarray], np.ndarray]) -> np.ndarray:
+        """Values (samples,) with those of experiments with correlated errors changed."""
+        if not self.whitening:
+            return values
+        result, rows = values.copy(), self.rows
         for e, whitening in self.whitening.items():
-            values[self.rows[e]] = whitening.restored(values[self.rows[e]])
-        return values
+            result[rows[e]] = change(whitening, values[rows[e]])
+        return result
 
     def jacobian(self, theta: np.ndarray, steps: np.ndarray | None = None) -> tuple[np.ndarray, Jacobian]:
         """Weighted residuals (samples,) and their derivatives (samples, unknowns).
@@ -246,14 +250,15 @@ class Problem:
 
     def _costs_whitened(self, thetas: np.ndarray) -> np.ndarray:
         """The same where errors are correlated."""
-        total = np.zeros(len(thetas))
+        total = np.array([self.prior_cost(theta) for theta in thetas])
         with np.errstate(over="ignore", invalid="ignore"):
-            for e, y in enumerate(self.output_sets(thetas)):
-                total += 0.5 * np.sum(self.differences(e, y) ** 2, axis=0)
-        total += [self.prior_cost(theta) for theta in thetas]
+            for first in range(0, len(thetas), runs.LANES):  # for memory
+                some = slice(first, first + runs.LANES)
+                for e, y in enumerate(self.output_sets(thetas[some])):
+                    total[some] += 0.5 * np.sum(self.residuals_of(e, y) ** 2, axis=0)
         return np.where(np.isfinite(total), total, np.inf)
 
-    def differences(self, e: int, y: np.ndarray) -> np.ndarray:
+    def residuals_of(self, e: int, y: np.ndarray) -> np.ndarray:
         """Residuals (rows, sets) of experiment ``e`` with the outputs ``y`` (samples, outputs, sets)."""
         experiment = self.experiments[e]
         r = (y - experiment.measured[:, :, None]) * self.weights[:, None]

@@ -115,6 +115,10 @@ def _gap(segment: Segment, gap: Gap, colours: Sequence[tuple[str, str]]) -> Mark
     path = [f"{name} {digits(k * v)} {unit}".rstrip() for v, name in zip(gap.held_out, _models(segment), strict=True)]
     floor = f"Noise floor {digits(k * gap.noise_floor)} {unit}".rstrip() + f" ({floor_text(gap)})"
     caption = f"Rms error of {gap.output} on held-out data: {', '.join(path)}. {floor}."
+    if gap.whitened:
+        beside = [f"{name} {digits(k * v)}" for v, name in zip(gap.whitened, _models(segment), strict=True)]
+        own = f"noise floor {digits(k * gap.sensor_floor)} {unit}".rstrip()
+        caption += f" Beside what noise of the inputs adds: {', '.join(beside)}; {own}."
     return part("figure", figures.gap_bars(segment, gap), caption, [*colours, *figures.OF_BARS])
 
 
