@@ -183,7 +183,7 @@ def diagnose(
         while not interrupted and (part := next(parts, None)) is not None:
             try:
                 ready = prepared(part, given, report)
-                one, interrupted, more = _diagnosed(ready, report)
+                one, interrupted, more = _diagnosed_beside_noise(ready, report)
                 done, notes, given = [*done, one], [*notes, *more], ready.request_of_next_part
             except KeyboardInterrupt:  # before the first candidates of this part were fitted
                 interrupted = True
@@ -215,6 +215,23 @@ def _without_result(limit: float | None) -> RunError:
         f"the time limit of {limit:g} s was over before the first candidates were fitted, so there is no verdict. "
         "Give it more time, fewer effects or shorter recordings."
     )
+
+
+def _diagnosed_beside_noise(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPart, bool, list[str]]:
+    """As ``_diagnosed``, and once more with residuals that are not whitened where a model error is not named.
+
+    Beside noise of the inputs, effects that act as an input does are less distinct. An error that is far above such
+    noise needs no whitening.
+    """
+    one, interrupted, notes = _diagnosed(ready, progress)
+    unknown = not one.count and (one.leaves_predictable or one.is_irregular)
+    if interrupted or ready.plain is None or not unknown:
+        return one, interrupted, notes
+    try:
+        other, interrupted, more = _diagnosed(ready.plain, progress)
+    except KeyboardInterrupt:  # before its first candidates were fitted
+        return one, True, notes
+    return (other, interrupted, more) if other.count else (one, interrupted, notes)
 
 
 def _diagnosed(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPart, bool, list[str]]:

@@ -71,10 +71,11 @@ NoiseByInput = Mapping[str, Mapping[str, NoiseOfInput]]
 class InputNoise:
     """What noise of the inputs adds to the outputs, beside which residuals are whitened where it is much.
 
-    ``left`` is the mean square [output noise variances] that the whitening does not account for. ``whitening`` is by
-    experiment; it is empty where little is added.
+    ``propagated`` is the mean square [output noise variances] that it adds, and ``left`` the part of it that the
+    whitening does not account for. ``whitening`` is by experiment; it is empty where little is added.
     """
 
+    propagated: float
     left: float
     whitening: Mapping[str, Whitening] = attrs.field(factory=dict)
 
@@ -90,7 +91,7 @@ class InputNoise:
         """The noise as many times as large as is most likely by the residuals of a base, of ``FACTORS``."""
         factor = _likeliest(base, FACTORS)
         whitening = {name: one.scaled(factor) for name, one in self.whitening.items()}
-        return InputNoise(factor**2 * self.left, whitening)
+        return InputNoise(factor**2 * self.propagated, factor**2 * self.left, whitening)
 
 
 def input_noise(model: Model, noises: NoiseByInput, seed: int) -> InputNoise:
@@ -98,7 +99,7 @@ def input_noise(model: Model, noises: NoiseByInput, seed: int) -> InputNoise:
     change = _change(model, noises, seed)
     propagated = float(np.mean(change**2))
     if propagated < MIN_PROPAGATED:
-        return InputNoise(propagated)
+        return InputNoise(propagated, propagated)
     found = dict[str, Whitening]()
     for e, experiment in enumerate(model.setup.experiments):
         causes = _causes(model, e, noises.get(experiment_of(experiment.name), {}))
@@ -106,7 +107,7 @@ def input_noise(model: Model, noises: NoiseByInput, seed: int) -> InputNoise:
             found[experiment.name] = whitening
     expected = sum(float(np.sum(one.sizes**2 / (1 + one.sizes**2))) for one in found.values())
     left = float(np.sum(whitened_problem(model.problem, model.setup, found).whitened(change) ** 2)) - expected
-    return InputNoise(max(left / len(change), 0.0), found)
+    return InputNoise(propagated, max(left / len(change), 0.0), found)
 
 
 def correlated_noise(model: Model) -> dict[str, float]:

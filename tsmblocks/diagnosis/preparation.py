@@ -72,7 +72,8 @@ class Prepared:
 
     ``raw`` are the ``records`` before noise of the inputs in ``filtered`` was removed, both in pieces where the
     simulation restarts. ``commands`` are the inputs that the outputs showed to be commands; no more of them are looked
-    for where they are ``settled``. ``input_noise`` is what noise of the inputs adds to the outputs.
+    for where they are ``settled``. ``input_noise`` is what noise of the inputs adds to the outputs;
+    where residuals are whitened beside it, ``plain`` is the same without.
     """
 
     part: Part
@@ -86,6 +87,7 @@ class Prepared:
     commands: Commands
     notes: tuple[str, ...]
     input_noise: InputNoise
+    plain: Prepared | None = None
     settled: bool = False
 
     def check(self, model: Model) -> None:
@@ -179,11 +181,14 @@ def _with_commands(part: Part, request: Request, progress: ProgressCallback, com
     notes += [*floors.notes, *lowered]
     noisy = noise_by_input(request.records, set(part.diagram.inputs) - exact, filtered=request.condition)
     noise = input_noise(base, noisy, settings.seed)
-    if noise.whitening:
-        noise = noise.scaled_to(noise.whitened_base(base))
-        settings = attrs.evolve(settings, whitening=noise.whitening)
-        base = _calibrated(part, records, settings, progress)
-    return Prepared(part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes), noise)
+    without = InputNoise(noise.propagated, noise.propagated)
+    plain = Prepared(part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes), without)
+    if not noise.whitening:
+        return plain
+    noise = noise.scaled_to(noise.whitened_base(base))
+    settings = attrs.evolve(settings, whitening=noise.whitening)
+    base = _calibrated(part, records, settings, progress)
+    return attrs.evolve(plain, settings=settings, base=base, input_noise=noise, plain=plain)
 
 
 def _held_inputs(part: Part, records: Mapping[str, Record]) -> dict[str, list[str]]:
