@@ -181,7 +181,9 @@ def test_the_smooth_curve_is_the_one_that_predicts_samples_from_their_neighbours
     rng = np.random.default_rng(3)
     assert smooth_hold(T, np.sin(T)) == "cubic"
     assert smooth_hold(T, np.sin(T) + rng.normal(0, 0.1, len(T))) == "linear"
-    assert smooth_hold(T, np.abs(T % 2 - 1)) == "cubic"
+    assert smooth_hold(T, np.abs(T % 2 - 1)) == "linear"  # straight from corner to corner
+    assert smooth_hold(T, np.round(np.interp(T, [0, 1.003, 2, 3.5, 8], [0, 0, 5, 5, -2]), 4)) == "linear"
+    assert smooth_hold(T, np.where(T < 4, 0.0, np.sin(np.pi * (T - 4)) ** 2 * (T < 5))) == "cubic"  # a rest and a pulse
     assert smooth_hold(T, SQUARE) == "linear"  # where a spline would ring
     uneven = np.sort(rng.uniform(0, 8, 400))
     assert smooth_hold(uneven, uneven**3 - uneven) == "cubic"

@@ -42,6 +42,9 @@ MIN_CLOCKED = 10
 are multiples of a period of two samples in one of 1000 signals, and a motion of 10 quanta was hardly measured."""
 MOST_COMPARED = 20_000
 """Samples that are compared at most. Chosen: they show it as well as all of them do, in less time than a run takes."""
+SHARP, MOST_BENT = 1e-3, 0.2
+"""Bend of a straight side over that of the sharpest corner, and share of samples that bend more, at most. Chosen:
+rounding of printed samples bends a side by less, and smooth motions bend nearly everywhere."""
 MIN_COMPARED = 9
 """Samples at least that show which curve they lie on. Chosen: fewer leave next to none to predict."""
 
@@ -97,13 +100,25 @@ def is_held(x: np.ndarray) -> bool:
     return bool(few or any_size or int(np.gcd.reduce(np.diff(at))) > 1)
 
 
+def has_straight_sides(t: np.ndarray, x: np.ndarray) -> bool:
+    """Whether a sampled signal (n,) runs straight from corner to corner, as the trapezoids of a command do.
+
+    A corner between two samples bends it at both.
+    """
+    bend = np.abs(np.diff(np.diff(x) / np.diff(t)))
+    bent = bend > SHARP * float(bend.max(initial=0.0))
+    if not bent.any() or bent.mean() > MOST_BENT:
+        return False
+    return not (bent[:-2] & bent[1:-1] & bent[2:]).any()
+
+
 def smooth_hold(t: np.ndarray, x: np.ndarray) -> str:
     """``"cubic"`` or ``"linear"``, whichever predicts samples (n,) better from their neighbours.
 
-    A cubic fits a smooth motion better; it is worse than a straight line where noise or corners dominate the residual
-    of the line.
+    A cubic fits a smooth motion better; it is worse than a straight line where noise dominates the residual of the
+    line, and between the corners of a trapezoid.
     """
-    if len(t) < MIN_COMPARED:
+    if len(t) < MIN_COMPARED or has_straight_sides(t, x):
         return "linear"
     some = len(t) // MOST_COMPARED + 1
     x = x / (np.abs(x).max() or 1.0)

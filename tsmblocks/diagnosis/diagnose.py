@@ -7,6 +7,7 @@ For each part of the diagram (``_diagnosed``): filter the noise of inputs, estim
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -50,6 +51,10 @@ from tsmblocks.fitting.recordings import Data
 from tsmblocks.fitting.scale_notes import scale_notes_before
 from tsmblocks.fitting.text import flipped_gains
 from tsmblocks.model.diagram import Diagram
+
+MANY_TIMES = 5.0
+"""Error of an output over that which its sensor and the inputs explain, from which it is a model error. Chosen: noise
+of inputs is taken for up to four times what is seen of it."""
 
 
 @on_one_thread
@@ -224,14 +229,25 @@ def _diagnosed_beside_noise(ready: Prepared, progress: ProgressCallback) -> tupl
     noise needs no whitening.
     """
     one, interrupted, notes = _diagnosed(ready, progress)
-    unknown = not one.count and (one.leaves_predictable or one.is_irregular)
-    if interrupted or ready.plain is None or not unknown:
+    if interrupted or ready.plain is None or one.count or not (_is_unknown(one) or _is_far_above_noise(one)):
         return one, interrupted, notes
     try:
         other, interrupted, more = _diagnosed(ready.plain, progress)
     except KeyboardInterrupt:  # before its first candidates were fitted
         return one, True, notes
-    return (other, interrupted, more) if other.count else (one, interrupted, notes)
+    return (other, interrupted, more) if other.count or _is_unknown(other) else (one, interrupted, notes)
+
+
+def _is_unknown(one: DiagnosedPart) -> bool:
+    """Whether no effect is named, and more than noise is left."""
+    return not one.count and (one.leaves_predictable or one.is_irregular)
+
+
+def _is_far_above_noise(one: DiagnosedPart) -> bool:
+    """Whether the error of an output is many times that of its sensor and of the inputs."""
+    rms = one.final.residual_rms_beside({})
+    least = one.search.noise.low
+    return any(value > MANY_TIMES * math.sqrt(least + one.correlated_noise.get(k, 0.0)) for k, value in rms.items())
 
 
 def _diagnosed(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPart, bool, list[str]]:
