@@ -31,7 +31,7 @@ from tsmblocks.diagnosis.exchange import exchange_effects
 from tsmblocks.diagnosis.exchangeable import exchange_notes
 from tsmblocks.diagnosis.forward_selection import forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories
-from tsmblocks.diagnosis.input_noise import correlated_noise, input_noise_rms
+from tsmblocks.diagnosis.input_noise import correlated_noise, factor_beside, input_noise_rms
 from tsmblocks.diagnosis.model import Model, ProgressCallback
 from tsmblocks.diagnosis.noise_floor import doubtful_floors, noise_level
 from tsmblocks.diagnosis.outliers import outlier_notes
@@ -310,6 +310,7 @@ def _judged(
         varying,
         filtered=ready.filtered,
         correlated_noise=correlated_noise(last),
+        input_factor=factor_beside(last),
     )
     noise = search.noise_variance if count and not interrupted else 0.0
     own = _notes_on(last, part.diagram, noise, judged.corners)

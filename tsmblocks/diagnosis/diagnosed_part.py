@@ -69,10 +69,18 @@ class DiagnosedPart:
     """Whether the search was stopped before it was over."""
     correlated_noise: Mapping[str, float] = attrs.field(factory=dict)
     """Mean square by output [noise variances] of errors that noise of the inputs causes and that are whitened."""
+    input_factor: float = 1.0
+    """The share of the noise of the inputs that is taken for possible which is likely beside the last model."""
 
     def with_input_noise(self, output: str, variance: float) -> float:
         """Rms noise of an output in its unit, of a variance [noise variances] and the errors that are whitened."""
         return self.floors.sigma[output] * float(np.sqrt(variance + self.correlated_noise.get(output, 0.0)))
+
+    def sensor_noise(self, output: str) -> float:
+        """Rms noise of an output in its unit without the errors that are whitened, beside the last model."""
+        noise = self.search.noise
+        surplus = (1 - self.input_factor**2) * noise.from_inputs
+        return self.floors.sigma[output] * float(np.sqrt(max(noise.low - surplus, 0.0)))
 
     def from_inputs(self, output: str) -> float:
         """Mean square [noise variances] that noise of the inputs adds to an output."""

@@ -110,6 +110,11 @@ def input_noise(model: Model, noises: NoiseByInput, seed: int) -> InputNoise:
     return InputNoise(propagated, max(left / len(change), 0.0), found)
 
 
+def factor_beside(model: Model) -> float:
+    """The share of the noise of inputs that is taken for possible which is most likely beside a model."""
+    return _likeliest(model, [1 / k for k in FACTORS])
+
+
 def correlated_noise(model: Model) -> dict[str, float]:
     """Mean square by output [output noise variances] of the errors that are whitened; empty where none are.
 
@@ -118,7 +123,7 @@ def correlated_noise(model: Model) -> dict[str, float]:
     outputs, problem = model.setup.outputs, model.problem
     if not problem.whitening:
         return {}
-    factor, blocks = _likeliest(model, [1 / k for k in FACTORS]), list(model.J.own_blocks())
+    factor, blocks = factor_beside(model), list(model.J.own_blocks())
     totals = np.zeros(len(outputs))
     for e, whitening in problem.whitening.items():
         columns = blocks[e].values
@@ -171,7 +176,7 @@ def _noise_of(record: Record, name: str) -> NoiseOfInput | None:
 def _causes(model: Model, e: int, noises: Mapping[str, NoiseOfInput]) -> np.ndarray | None:
     """Changes of the weighted outputs (rows, k) by independent errors of the inputs, each of one standard deviation.
 
-    White noise below the cut-off of a filter is a sum of triangles, half a period of it apart. None where there is no
+    White noise below the cut-off of a filter is a sum of triangles, a quarter of its period apart. None where there is no
     noise.
     """
     experiment, columns = model.setup.experiments[e], list[np.ndarray]()
@@ -180,7 +185,7 @@ def _causes(model: Model, e: int, noises: Mapping[str, NoiseOfInput]) -> np.ndar
     most = min(MOST_NODES // len(model.setup.experiments), MOST_VALUES // model.problem.samples)
     most = max(most // max(len(noises), 1), FEWEST_NODES)
     for name, one in noises.items():
-        distance = max(0.5 / (one.cutoff * record.step) if one.cutoff else 1.0, len(record) / most, 1.0)
+        distance = max(0.25 / (one.cutoff * record.step) if one.cutoff else 1.0, len(record) / most, 1.0)
         for middle in np.arange(0.0, len(record) - 1 + distance, distance):
             checkpoint()
             triangle = np.maximum(1 - np.abs(np.arange(len(record)) - middle) / distance, 0.0)

@@ -191,7 +191,7 @@ def _gap(diagnosed: DiagnosedPart, i: int, whitened: Sequence[np.ndarray]) -> Ga
         _floor_parts(diagnosed, name),
         reported_share(diagnosed.models[-1], i),
         tuple(rms(r, rows) for r in whitened) if diagnosed.correlated_noise else (),
-        sigma * float(np.sqrt(diagnosed.search.noise_variance)),
+        diagnosed.sensor_noise(name),
     )
 
 
