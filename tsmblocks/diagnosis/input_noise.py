@@ -176,8 +176,8 @@ def _noise_of(record: Record, name: str) -> NoiseOfInput | None:
 def _causes(model: Model, e: int, noises: Mapping[str, NoiseOfInput]) -> np.ndarray | None:
     """Changes of the weighted outputs (rows, k) by independent errors of the inputs, each of one standard deviation.
 
-    White noise below the cut-off of a filter is a sum of triangles, a quarter of its period apart. None where there is no
-    noise.
+    White noise below the cut-off of a filter is a sum of triangles, a quarter of its period apart. None where there is
+    no noise.
     """
     experiment, columns = model.setup.experiments[e], list[np.ndarray]()
     record, p = experiment.record, model.problem.unknowns.parameters(model.theta, e)
