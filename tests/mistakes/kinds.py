@@ -404,6 +404,6 @@ def a_unit_that_reads_two_ways():
     units.parse("N/m*s")
 
 
-@mistake(UnitError, "'m/(s/kg)' is not a unit known here. Did you mean 's'?")
-def a_fraction_inside_a_fraction():
-    units.parse("m/(s/kg)")
+@mistake(UnitError, "'m/((s/kg))' is not a unit known here. Did you mean 's'?")
+def a_fraction_in_two_parentheses():
+    units.parse("m/((s/kg))")
