@@ -298,6 +298,7 @@ def _judged(
         varying = varying_factor(final, seed)
     notes = doubtful_floors(ready.floors, final.residual_rms, recorded_units(final.setup))
     last, final = final, final if interrupted else with_plain_states(final)
+    factor = factor_beside(last)
     judged = DiagnosedPart(
         part,
         search,
@@ -309,8 +310,8 @@ def _judged(
         left,
         varying,
         filtered=ready.filtered,
-        correlated_noise=correlated_noise(last),
-        input_factor=factor_beside(last),
+        correlated_noise=correlated_noise(last, factor),
+        input_factor=factor,
     )
     noise = search.noise_variance if count and not interrupted else 0.0
     own = _notes_on(last, part.diagram, noise, judged.corners)

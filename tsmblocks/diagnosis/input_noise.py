@@ -41,8 +41,6 @@ and the noise not far from where the filter leaves it."""
 FEWEST_FREQUENCIES = 64
 """Frequencies in that band, at least; with fewer the noise is taken to be white. Derived: their median is then known to
 a fifth."""
-
-
 MAX_UNFILTERED = 0.02
 """Noise from sample to sample over the deviation of an input that is not filtered, up to which it is noise. Chosen: a
 command with a new value at each sample differs by more."""
@@ -81,11 +79,8 @@ class InputNoise:
 
     def whitened_base(self, base: Model) -> Model:
         """A base optimised on with residuals that are whitened."""
-        return nearest(
-            optimized(
-                whitened_problem(base.problem, base.setup, self.whitening), base.setup, base.theta, FINE_TOLERANCE
-            )
-        )
+        problem = whitened_problem(base.problem, base.setup, self.whitening)
+        return nearest(optimized(problem, base.setup, base.theta, FINE_TOLERANCE))
 
     def scaled_to(self, base: Model) -> InputNoise:
         """The noise as many times as large as is most likely by the residuals of a base, of ``FACTORS``."""
@@ -115,16 +110,15 @@ def factor_beside(model: Model) -> float:
     return _likeliest(model, [1 / k for k in FACTORS])
 
 
-def correlated_noise(model: Model) -> dict[str, float]:
+def correlated_noise(model: Model, factor: float) -> dict[str, float]:
     """Mean square by output [output noise variances] of the errors that are whitened; empty where none are.
 
-    It is that of the residual: less what initial states take of it, and no more than is likely beside the model.
+    It is that of the residual, less what initial states take of it, with errors ``factor`` times as large.
     """
     outputs, problem = model.setup.outputs, model.problem
     if not problem.whitening:
         return {}
-    factor, blocks = factor_beside(model), list(model.J.own_blocks())
-    totals = np.zeros(len(outputs))
+    blocks, totals = list(model.J.own_blocks()), np.zeros(len(outputs))
     for e, whitening in problem.whitening.items():
         columns = blocks[e].values
         spread, turn = whitening.restored(columns), np.linalg.pinv(columns.T @ columns)
@@ -166,7 +160,7 @@ def _noise_of(record: Record, name: str) -> NoiseOfInput | None:
         rms = sample_to_sample_noise(record.t, x).floor
         return NoiseOfInput(rms) if 0 < rms <= MAX_UNFILTERED * np.std(x) else None
     removed = x - low_pass(x, step, cutoff)
-    power = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
+    power = _power(removed)
     frequency = np.fft.rfftfreq(len(removed), step)
     near = power[(frequency >= BAND[0] * cutoff) & (frequency <= BAND[1] * cutoff)]
     variance = float(np.median(near)) / np.log(2.0) if len(near) >= FEWEST_FREQUENCIES else _white(power)
@@ -238,8 +232,13 @@ def input_noise_rms(
         for key in (k for k in result if k in record and len(before) == len(record)):
             unit = diagram.unit(key)
             removed = before.values(key, unit) - record.values(key, unit)
-            power = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
-            result[key] = max(result[key], float(np.sqrt(_white(power))))
+            result[key] = max(result[key], float(np.sqrt(_white(_power(removed)))))
+    return result
+
+
+def _power(removed: np.ndarray) -> np.ndarray:
+    """Spectrum of what a filter removed, in which white noise of unit variance has the mean 1."""
+    result: np.ndarray = np.abs(np.fft.rfft(removed - removed.mean())) ** 2 / len(removed)
     return result
 
 

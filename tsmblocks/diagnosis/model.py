@@ -119,9 +119,10 @@ class Model:
 
     def residual_rms_beside(self, whitening: Mapping[str, Whitening]) -> dict[str, float]:
         """The same with another whitening, by experiment; without any where that is of other samples."""
-        problem = whitened_problem(self.problem, self.setup, whitening)
-        same = all(len(one.directions) == rows.stop - rows.start for one, rows in _of_rows(problem))
-        return self._rms(problem.whitened(self.differences) if same else self.differences)
+        problem, differences = whitened_problem(self.problem, self.setup, whitening), self.differences
+        rows = problem.rows
+        same = all(len(one.directions) == len(differences[rows[e]]) for e, one in problem.whitening.items())
+        return self._rms(problem.whitened(differences) if same else differences)
 
     def _rms(self, values: np.ndarray) -> dict[str, float]:
         """Rms by output of values (N,) in the order of residuals."""
@@ -266,12 +267,8 @@ def pose_model(
 def whitened_problem(problem: Problem, setup: Setup, whitening: Mapping[str, Whitening]) -> Problem:
     """The problem with residuals that are whitened, by name of the experiment."""
     named = enumerate(one.name for one in setup.experiments)
-    return attrs.evolve(problem, whitening={e: whitening[name] for e, name in named if name in whitening})
-
-
-def _of_rows(problem: Problem) -> list[tuple[Whitening, slice]]:
-    """The whitening of experiments and their rows in the residuals."""
-    return [(one, problem.rows[e]) for e, one in problem.whitening.items()]
+    found = {e: whitening[name] for e, name in named if name in whitening}
+    return attrs.evolve(problem, whitening=found) if found or problem.whitening else problem
 
 
 def pose_extended(

@@ -45,7 +45,8 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
     ceiling = explainable_share(base.r, known, blocks, excess_variance)
     remains = diagnosed.leaves_predictable or diagnosed.is_irregular
     verdict = "named" if diagnosed.count else "unknown" if remains else "none"
-    held = _held_out(diagnosed)
+    whitened = _held_out(diagnosed)
+    held = [one.problem.restored(r) for one, r in zip(diagnosed.models, whitened, strict=True)]
     tied = verdict == "named" or diagnosed.leaves_predictable  # else a coordinate follows the residual by chance
     result = Segment(
         diagnosed.part.name,
@@ -55,7 +56,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         float(excess),
         {k: diagnosed.with_input_noise(k, diagnosed.search.noise_variance) for k in diagnosed.floors.sigma},
         _effects(diagnosed, losses, whole_diagram),
-        tuple(_gap(diagnosed, i, held) for i in range(len(base.setup.outputs))),
+        tuple(_gap(diagnosed, i, held, whitened) for i in range(len(base.setup.outputs))),
         residual_coordinates(base.r, known, blocks, excess_variance, drive) if tied else (),
         ranking(diagnosed),
         detection_limits(diagnosed),
@@ -160,10 +161,12 @@ def _with_effects(diagnosed: DiagnosedPart, k: int, whole_diagram: Diagram) -> D
     return result
 
 
-def _gap(diagnosed: DiagnosedPart, i: int, whitened: Sequence[np.ndarray]) -> Gap:
-    """The error of one output before and after each effect, fitted and held out; ``whitened`` (N,) are held out."""
+def _gap(diagnosed: DiagnosedPart, i: int, held: Sequence[np.ndarray], whitened: Sequence[np.ndarray]) -> Gap:
+    """The error of one output before and after each effect, fitted and held out.
+
+    ``held`` (N,) are the held-out differences with each model, ``whitened`` the residuals of these.
+    """
     base = diagnosed.models[0]
-    held = [one.problem.restored(r) for one, r in zip(diagnosed.models, whitened, strict=True)]
     name = base.setup.outputs[i]
     sigma, groups = diagnosed.floors.sigma[name], rows_of_experiments(base, i)
     rows = np.concatenate(list(groups.values()))
