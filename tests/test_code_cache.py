@@ -232,14 +232,20 @@ import os, sys, threading, time, warnings
 sys.path.insert(0, {str(REPOSITORY)!r})
 warnings.simplefilter("ignore")
 from tsmblocks.engine import jit
-lines = "".join(f"  %x{{k}} = load volatile i64, ptr %t\\n" for k in range(6000))
-text = "define void @run(ptr %t) {{\\n" + lines + "  ret void\\n}}\\n"
+forked = threading.Event()
+def compile_on():  # one text after the other, so that a compilation runs at the fork however fast the machine is
+    n = 1000
+    while not forked.is_set():
+        lines = "".join(f"  %x{{k}} = load volatile i64, ptr %t\\n" for k in range(n))
+        jit.compile_text("define void @run(ptr %t) {{\\n" + lines + "  ret void\\n}}\\n", promote=True)
+        n += 1
 jit.host()  # a thread that is importing when its process forks leaves the import locked in the child
-thread = threading.Thread(target=jit.compile_text, args=(text,), kwargs={{"promote": True}})
+thread = threading.Thread(target=compile_on)
 thread.start()
 time.sleep(0.1)
 assert thread.is_alive()
 child = os.fork()
+forked.set()
 if not child:
     jit.compile_text({TEXT!r}, promote=True)
     os._exit(0)
