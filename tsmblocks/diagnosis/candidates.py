@@ -21,6 +21,7 @@ from tsmblocks.diagnosis.replacements import ReplacementPoint, replacements
 from tsmblocks.effects import Effect, Replacement, Scales, Span, Trials, span_of
 from tsmblocks.effects.variants import with_opposite_motion
 from tsmblocks.model.diagram import Diagram
+from tsmblocks.model.wires import end_text
 from tsmblocks.simulation.compiled import equations
 
 SPECTRAL_LINE_COUNT = 6
@@ -114,20 +115,26 @@ class Candidate:
 class WireSignals:
     """The signals of a fitted model by name, one array for each experiment, and their sampling steps [s].
 
-    ``scales_of`` makes ``Scales`` of two spans.
+    ``scales_of`` makes ``Scales`` of two spans. ``ranges`` are those of the signals that are outputs, as measured:
+    a model without an end stop moves far beyond it.
     """
 
     signals: dict[str, list[np.ndarray]]
     steps: list[float]
     scales_of: Callable[[Span, Span], Scales]
+    ranges: Mapping[str, tuple[float, float]] = attrs.field(factory=dict)
 
     def scales(self, point: InsertionPoint) -> Scales:
         """The scales that an effect at an insertion point has to do with."""
         return self.scales_of(self.span(point.signal), self.span(point.other or point.signal))
 
     def span(self, signal: str) -> Span:
-        """Range and rate of a signal."""
-        return span_of(self.signals[signal], self.steps)
+        """Range and rate of a signal; the range as measured where it is an output that moves."""
+        span = span_of(self.signals[signal], self.steps)
+        if signal not in self.ranges or not _moves(span):
+            return span
+        low, high = self.ranges[signal]
+        return attrs.evolve(span, low=low, high=high)
 
     def initial_values(self, signal: str) -> list[float]:
         """The initial value of a signal in each experiment."""
@@ -150,7 +157,18 @@ def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
         lines=spectral_lines(model),
         one_clock=not _overlap(model),
     )
-    return WireSignals(signals, steps, session)
+    return WireSignals(signals, steps, session, measured_ranges(model))
+
+
+def measured_ranges(model: Model) -> dict[str, tuple[float, float]]:
+    """The range in which each output was measured, by the name of the signal that it shows."""
+    found, experiments = dict[str, tuple[float, float]](), model.setup.experiments
+    for i, name in enumerate(model.setup.outputs):
+        parts = [x.measured[:, i] if x.counted is None else x.measured[x.counted[:, i] > 0, i] for x in experiments]
+        values = np.concatenate(parts)
+        if values.size:
+            found[end_text(model.diagram.shown[name])] = float(values.min()), float(values.max())
+    return found
 
 
 def inner_signal(diagram: Diagram, signal: str) -> str:
