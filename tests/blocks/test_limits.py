@@ -12,6 +12,7 @@ import tsmblocks as tsm
 from tests.blocks.helpers import assert_sound, refuses, simulate, value
 from tsmblocks.blocks.limits import (
     DeadZone,
+    EndStops,
     Quantiser,
     RateLimit,
     Relay,
@@ -29,6 +30,8 @@ NUMBERS = np.concatenate([np.linspace(-3, 3, 121), [-1e6, 1e6]])
     "block",
     [
         DeadZone(),
+        EndStops(),
+        EndStops(low=-np.inf, high=0.1, damping=2.0),
         SoftDeadZone(),
         Quantiser(),
         RateLimit(),
@@ -51,6 +54,55 @@ def test_dead_zone():
         expected = u - 0.7 if u > 0.7 else u + 0.4 if u < -0.4 else 0.0
         assert value(DeadZone(low=-0.4, high=0.7), u=u)["y"] == pytest.approx(expected, abs=1e-15)
         assert value(DeadZone(low=0.0, high=0.0), u=u)["y"] == u
+
+
+def test_end_stops():
+    stops = EndStops(low=-0.4, high=0.7, stiffness=50.0, damping=4.0, transition=0.1)
+    assert all(value(stops, x=x, v=v)["y"] == 0 for x in (-0.4, 0.0, 0.7) for v in (-3.0, 0.0, 3.0))
+    assert value(stops, x=0.9, v=0.0)["y"] == pytest.approx(50 * 0.2)
+    assert value(stops, x=0.9, v=1.5)["y"] == pytest.approx(50 * 0.2 + 4 * 1.5 * 0.2 / 0.3)
+    assert value(stops, x=0.9, v=-100.0)["y"] == 0  # it never pulls
+    assert value(stops, x=-0.6, v=-1.5)["y"] == pytest.approx(-50 * 0.2 - 4 * 1.5 * 0.2 / 0.3)
+    assert value(stops, x=-0.6, v=100.0)["y"] == 0
+    assert value(EndStops(low=-np.inf, high=0.7), x=-1e9, v=0.0)["y"] == 0
+    refuses("EndStops needs low <= high, got low=1, high=0.", EndStops, low=1.0, high=0.0)
+
+
+def bouncing(**stop):
+    """A mass of 1 thrown against a stop at 0.1 with speed 1."""
+    return tsm.Diagram(
+        title="thrown",
+        blocks=dict(
+            v=tsm.blocks.Integrator(integral=1.0),
+            x=tsm.blocks.Integrator(),
+            stop=EndStops(**stop),
+            net=tsm.blocks.Gain(gain=-1.0),
+        ),
+        wires=["stop -> net -> v -> x -> stop.x"],
+        outputs={"x": "x", "v": "v", "force": "stop"},
+    )
+
+
+def test_a_mass_leaves_an_elastic_stop_as_fast_as_it_came():
+    run = tsm.simulate(bouncing(low=-np.inf, high=0.1, stiffness=400.0), stop=0.5, step=1e-4)
+    touched = run.t[run["force"] > 0]
+    assert touched[-1] - touched[0] == pytest.approx(np.pi / 20, abs=4e-4)  # half a period of the mass on the spring
+    assert run["v"][-1] == pytest.approx(-1.0, abs=1e-5)
+    assert run["x"].max() == pytest.approx(0.1 + 1 / 20, abs=1e-5)
+
+
+def test_a_mass_at_a_stop_with_a_damper_as_scipy_integrates_it():
+    def rates(_, z):
+        p = max(z[0] - 0.1, 0.0)
+        return z[1], -max(400 * p + 12 * p / (p + 0.005) * z[1], 0.0)
+
+    run = tsm.simulate(
+        bouncing(low=-1.0, high=0.1, stiffness=400.0, damping=12.0, transition=0.005), stop=0.5, step=1e-4
+    )
+    exact = solve_ivp(rates, (0, 0.5), (0.0, 1.0), rtol=1e-10, atol=1e-12, max_step=1e-3, t_eval=run.t)
+    assert run["x"] == pytest.approx(exact.y[0], abs=1e-6)
+    assert run["v"] == pytest.approx(exact.y[1], abs=1e-4)
+    assert -0.8 < run["v"][-1] < -0.2  # it leaves slower than it came
 
 
 @pytest.mark.parametrize("softness", [0.05, 0.3])

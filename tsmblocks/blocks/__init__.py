@@ -51,6 +51,7 @@ from tsmblocks.blocks.hysteresis import Play as Play
 from tsmblocks.blocks.hysteresis import PrandtlIshlinskii as PrandtlIshlinskii
 from tsmblocks.blocks.hysteresis import TaoBacklash as TaoBacklash
 from tsmblocks.blocks.limits import DeadZone as DeadZone
+from tsmblocks.blocks.limits import EndStops as EndStops
 from tsmblocks.blocks.limits import Quantiser as Quantiser
 from tsmblocks.blocks.limits import RateLimit as RateLimit
 from tsmblocks.blocks.limits import Relay as Relay

@@ -1,4 +1,4 @@
-"""Blocks that limit or round a signal: saturation, dead zone, rate limit, relay, quantiser."""
+"""Blocks that limit or round a signal or a motion: saturation, dead zone, end stops, rate limit, relay, quantiser."""
 
 from __future__ import annotations
 
@@ -106,6 +106,48 @@ class DeadZone(Block):
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=ca.fmax(u.u - self.high, 0.0) + ca.fmin(u.u - self.low, 0.0))
+
+
+@block
+class EndStops(Block):
+    r"""End stops of a motion: a spring and a damper at each end, which never pull.
+
+    .. math::
+
+        y = f(x - h,\, v) - f(l - x,\, -v), \qquad
+        f(p, v) = \max\left(k p + c \frac{p}{p + w} v,\ 0\right) \text{ for } p > 0, \text{ else } 0
+
+    ``y`` is the force that the motion has to overcome; an equation of motion subtracts it. Damping sets in over the
+    compression w, so that the force has no jump: with a small w the contact is that of Kelvin and Voigt, with a large
+    one that of Hunt and Crossley. For a stop at one side only, the other limit is infinite.
+    """
+
+    source = "Hunt and Crossley, J. Appl. Mech. 42 (1975) 440: damping that grows with the compression"
+    symbol = "stops"
+    symbol_with_values = "stops\n{low:value} … {high:unit}"
+
+    low: float = parameter(default=-1.0, about="position l of the lower stop", unit="?x", finite=False, acts_at="x")
+    high: float = parameter(default=1.0, about="position h of the upper stop", unit="?x", finite=False, acts_at="x")
+    stiffness: float = parameter(default=100.0, about="force k per compression", at_least=0.0)
+    damping: float = parameter(default=0.0, about="force c per rate of compression", at_least=0.0)
+    transition: float = parameter(
+        default=0.01, about="compression w at half the damping", unit="?x", above=0.0, acts_at="x"
+    )
+    x = Input("position of what moves", unit="?x")
+    v = Input("its rate", unit="?x/s", rate_of="x")
+    y = Output("force to be overcome, positive at the upper stop", unit="?f")
+
+    def check(self) -> None:
+        if self.low > self.high:
+            raise ParameterError(f"EndStops needs low <= high, got low={self.low:g}, high={self.high:g}.")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=self._contact(u.x - self.high, u.v) - self._contact(self.low - u.x, -u.v))
+
+    def _contact(self, beyond: Any, rate: Any) -> Any:
+        """The force of one stop, compressed so far and at this rate."""
+        p = ca.fmax(beyond, 0.0)
+        return p * ca.fmax(self.stiffness + self.damping / (p + self.transition) * rate, 0.0)
 
 
 @block

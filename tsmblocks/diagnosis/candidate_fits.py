@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import Shrinkage, fitted_candidate
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
@@ -69,7 +70,12 @@ def known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[n
     """The start of a candidate's fit at the parameters of the same effect in a model with other effects, if known."""
     if known is None or known.candidate.effect.name != score.candidate.effect.name:
         return []
-    values, there, here = known.model.values, f"{known.candidate.block}.", f"{score.candidate.block}."
+    return [start_at(score, known.candidate, known.model)]
+
+
+def start_at(score: ScreeningScore, other: Candidate, model: Model) -> np.ndarray:
+    """The start of a candidate's fit where a model ended with ``other``, an effect of the same name."""
+    values, there, here = model.values, f"{other.block}.", f"{score.candidate.block}."
     names = [item.name for item in score.problem.unknowns.items]
     same = [there + name.removeprefix(here) if name.startswith(here) else name for name in names]
-    return [np.array([values.get(k, value) for k, value in zip(same, score.starts[0], strict=True)])]
+    return np.array([values.get(k, value) for k, value in zip(same, score.starts[0], strict=True)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from tsmblocks.diagnosis.candidate_fits import known_starts
+from tsmblocks.diagnosis.candidate_fits import known_starts, start_at
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, optimized
@@ -15,6 +15,8 @@ from tsmblocks.diagnosis.search_rounds import SearchContext
 
 MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
+VARIANTS_RATIO = 2.0
+"""Mean square [those of the best candidate] up to which variants are fitted from one another. Chosen: run time."""
 MAX_ROUGH_FITS = 8
 """Candidates fitted from a rough base, and from the diagram's own parameters, at most. Chosen: for the run time."""
 MAX_ROUGH_TRIALS, ROUGH_STEPS = 24, 12
@@ -77,6 +79,32 @@ def fits_beside_own(
 def _continued(one: Fit) -> Fit:
     """The fit continued from where it ended."""
     return one._replace(model=optimized(one.model.problem, one.model.setup, one.model.theta))
+
+
+def with_variants(fits: Sequence[Fit]) -> list[Fit]:
+    """The fits, those of variants of one effect at one place fitted from the best of them as well.
+
+    An end stop and end stops at both ends, of which only one is reached, then end at the same optimum: which of two
+    variants is named is no matter of where their fits began.
+    """
+    best = dict[tuple[str, str], Fit]()
+    for one in sorted(fits, key=lambda fit: fit.model.mean_square):
+        best.setdefault(_of_variants(one), one)
+    least = VARIANTS_RATIO * min((one.model.mean_square for one in fits), default=0.0)
+    ends = list[Fit]()
+    for one in fits:
+        other, score = best[_of_variants(one)], one.score
+        if other is not one and other.model.mean_square <= least:
+            again = optimized(score.problem, score.setup, start_at(score, other.score.candidate, other.model))
+            one = min(one, one._replace(model=again), key=lambda fit: fit.model.mean_square)
+        ends.append(one)
+    return ends
+
+
+def _of_variants(fit: Fit) -> tuple[str, str]:
+    """What variants of one effect at one place have in common."""
+    name, _, place = fit.score.candidate.key
+    return name, place
 
 
 def with_memories(fits: Sequence[Fit]) -> list[Fit]:

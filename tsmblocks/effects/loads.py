@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import attrs
 
-from tsmblocks.blocks import Bend, Bias, DeadZone, Gain, Ripple, Sum
+from tsmblocks.blocks import Bend, Bias, Gain, Ripple, Sum
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.maps import CURVATURE_SHARE, ONE_HARMONIC, PERIOD_OF_RIPPLE, RIPPLE, centres, ripple_trials
 from tsmblocks.effects.sizes import Size, in_proportion, wave
@@ -15,10 +15,6 @@ from tsmblocks.model.diagram import Diagram
 
 PULL_SHARE = 0.05
 """Trial force of a stiffness, as a share of the rms drive. Chosen: that of the other forces."""
-STOP_SHARES = (0.95, 0.8, 0.6, 0.35)
-"""Trial distances of an end stop from the middle of the motion [half its range]. Chosen."""
-BEYOND = 1.02
-"""The same of a stop that the motion does not reach. Chosen."""
 REST_REACH = 5.0
 """Rest position of a spring, from the middle of the motion [half its range]. Chosen: farther off it pulls evenly."""
 
@@ -46,22 +42,6 @@ def _stiffness_trials(scales: Scales) -> Trials:
     return Trials({"force.gain": PULL_SHARE * wire.rms / max(other.rms, 1e-300)}, rests, bounds=bounds)
 
 
-def _end_stop_trials(scales: Scales) -> Trials:
-    """At both ends, or at one of them: the other limit is beyond the motion."""
-    other = scales.other
-    sides = [(a, b) for share in STOP_SHARES for a, b in ((share, share), (share, BEYOND), (BEYOND, share))]
-    shapes = tuple(
-        {"stop.low": other.middle - a * other.reach, "stop.high": other.middle + b * other.reach} for a, b in sides
-    )
-    margin = 2 * (BEYOND - 1) * other.reach
-    bounds = {
-        "stop.low": (other.low - margin, other.middle),
-        "stop.high": (other.middle, other.high + margin),
-        "force.gain": (0.0, None),
-    }
-    return Trials({"force.gain": PULL_SHARE * scales.wire.rms / max(other.reach, 1e-300)}, shapes, bounds=bounds)
-
-
 def _spring(name: str, words: str, part: str, other: str, power: int) -> Effect:
     def trials(scales: Scales) -> Trials:
         size = CURVATURE_SHARE * scales.wire.rms / max(scales.other.rms, 1e-300) ** power
@@ -87,24 +67,6 @@ def _spring(name: str, words: str, part: str, other: str, power: int) -> Effect:
 EFFECTS = (
     _spring("even_nonlinearity", "an asymmetric spring (stiffer on one side)", "force.quadratic", "force.cubic", 2),
     _spring("odd_nonlinearity", "a cubic spring", "force.cubic", "force.quadratic", 3),
-    Effect(
-        "end_stop",
-        "load",
-        "end stops (springs at the ends of the motion)",
-        "load",
-        resisting("end stops", {"stop": DeadZone(low=0.0, high=0.0), "force": Gain(gain=0.0)}),
-        {"force.gain": 0.0},
-        ("force.gain", "stop.low", "stop.high"),
-        _end_stop_trials,
-        excites="motion into the stops",
-        confused=("odd_nonlinearity", "even_nonlinearity", "saturation"),
-        separates="slow motion into both stops",
-        sizes=(
-            in_proportion("stiffness", "force.gain", "{u}/{x}"),
-            in_proportion("lower stop", "stop.low", "{x}"),
-            in_proportion("upper stop", "stop.high", "{x}"),
-        ),
-    ),
     Effect(
         "stiffness",
         "load",

@@ -19,11 +19,12 @@ LEFT = "left"
 
 def resisting(title: str, chain: Mapping[str, Block]) -> Diagram:
     """Drive ``u`` less a force that a chain of blocks makes of the motion ``x``, which the first of them takes."""
+    first = next(iter(chain))
     return Diagram(
         title=title,
         blocks={**chain, LEFT: Sum(signs="+-")},
         wires=[" -> ".join([*chain, f"{LEFT}.minus"])],
-        inputs={"u": f"{LEFT}.plus", "x": f"{next(iter(chain))}.u"},
+        inputs={"u": f"{LEFT}.plus", "x": f"{first}.{next(iter(chain[first].inports))}"},
         outputs={"y": LEFT},
     )
 

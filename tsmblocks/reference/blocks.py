@@ -28,7 +28,7 @@ FAMILY_WORDS = {
     "sources": "Generated and recorded signals.",
     "arithmetic": "Operations on signals at one instant.",
     "linear": "Lags, integrators, delays and transfer functions in continuous time.",
-    "limits": "Limits, dead zones, relays, rounding and tables.",
+    "limits": "Limits, dead zones, end stops, relays, rounding and tables.",
     "logic": "Comparisons, logic operations, modes, and diagrams that are switched on and off.",
     "friction": "Forces that resist a motion, as functions of its rate and its history.",
     "hysteresis": "Transmissions with memory: the paper's models, play, and similar ones.",

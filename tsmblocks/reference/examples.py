@@ -28,6 +28,7 @@ SET: dict[str, dict[str, Any]] = {
     "DeadTime": dict(time=0.3),
     "Delay": dict(time=0.3),
     "DeadZone": dict(low=-0.3, high=0.3),
+    "EndStops": dict(low=-0.6, high=0.6, stiffness=50.0, damping=2.0),
     "Disturbance": dict(sine=0.1, frequency=2.0),
     "Drift": dict(rate=0.05),
     "Gain": dict(gain=2.0),

@@ -30,6 +30,7 @@ BLOCKS: dict[str, tuple[str, ...]] = {
     "Delay": ("Transport lag", "Latency"),
     "Disturbance": ("Mains hum",),
     "Encoder": ("Angle sensor",),
+    "EndStops": ("Hard stop", "Bump stop", "Hunt-Crossley contact", "Kelvin-Voigt contact"),
     "FeedforwardCompensator": ("Feedforward", "Hysteresis compensation", "Inverse hysteresis"),
     "FirstOrderLag": ("Time constant", "RC filter"),
     "HysteresisObserver": ("Observer",),

@@ -92,6 +92,13 @@ BENDING: list[Make] = [
     ),
     lambda r: B.SoftSaturation(low=-_some(r, 0.2, 2), high=_some(r, 0.2, 2), softness=_some(r, 0.05, 0.5)),
     lambda r: B.SoftDeadZone(half_width=_some(r, 0, 0.4), centre=_either(r, 0, 0.3), softness=_some(r, 0.02, 0.3)),
+    lambda r: B.EndStops(
+        low=-_some(r, 0.1, 1),
+        high=_some(r, 0.1, 1),
+        stiffness=_either(r, 0, 50),
+        damping=_either(r, 0, 5),
+        transition=_some(r, 0.02, 0.3),
+    ),
     lambda r: B.Disturbance(
         cosine=_either(r, 0, 0.5), sine=_either(r, 0, 0.5), frequency=_some(r, 0.5, 8), since=_either(r, 0, 1)
     ),

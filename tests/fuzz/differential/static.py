@@ -164,6 +164,12 @@ def _ripple(b: Any, t: Any, x: Any, u: Any) -> Any:
     return u.u + b.cosine * n.cos(a) + b.sine * n.sin(a) + b.cosine2 * n.cos(2 * a) + b.sine2 * n.sin(2 * a)
 
 
+def _stop(b: Any, p: Any, rate: Any) -> Any:
+    compressed = n.larger(p, 0.0)
+    return n.larger(b.stiffness * compressed + b.damping * compressed / (compressed + b.transition) * rate, 0.0)
+
+
+law("EndStops", lambda b, t, x, u: _stop(b, u.x - b.high, u.v) - _stop(b, b.low - u.x, -u.v))
 law("Saturation", lambda b, t, x, u: n.within(u.u, b.low, b.high))
 law("DeadZone", lambda b, t, x, u: n.larger(u.u - b.high, 0.0) + n.smaller(u.u - b.low, 0.0))
 law("SoftSaturation", _soft_saturation)
