@@ -748,16 +748,17 @@ def test_chance_passes_the_line_one_time_in_twenty():
     assert 2 <= passed <= 20
 
 
-def stand_in(losses, count=2, edge=np.inf, name="some", contains=()):
+def stand_in(losses, count=2, edge=np.inf, name="some", contains=(), free=("p0", "p1"), squares=1.0):
     """A candidate by its losses alone; its first unknown is zero, and its lowest value ``-edge``."""
     items = [SimpleNamespace(parameter=f"b.p{k}", low=-edge, high=np.inf, experiment="") for k in range(count)]
     problem = SimpleNamespace(unknowns=SimpleNamespace(items=items))
-    model = SimpleNamespace(theta=np.zeros(count), problem=problem)
+    model = SimpleNamespace(theta=np.zeros(count), problem=problem, mean_square=squares, r=np.zeros(1000))
     effect = SimpleNamespace(
-        name=name, within=("p0",), below=(), contains=contains, free=("p0", "p1"), local=(), place="output", sharp=()
+        name=name, within=("p0",), below=(), contains=contains, free=free, local=(), place="output", sharp=()
     )
     point = SimpleNamespace(before="", output="y")
-    candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"), local=(), point=point)
+    key = (name, str(free), "u>")
+    candidate = SimpleNamespace(effect=effect, block="b", free=("b.p0", "b.p1"), local=(), point=point, key=key)
     return FittedCandidate(candidate, model, losses, losses, float(np.mean(losses)))
 
 
@@ -784,6 +785,15 @@ def test_of_those_alike_the_simplest_is_named():
     verdict = decide(base, [far, best, simple], part, 1.0, 0)
     assert verdict.named is simple
     assert verdict.indistinguishable == (simple, best)
+
+
+@pytest.mark.parametrize(("squares", "named"), [(1.0, True), (1.003, True), (1.006, False)])
+def test_a_variant_with_fewer_parameters_that_fits_as_well_is_named(squares, named):
+    """Beyond chance (a difference of 4 of the sums of squares) the further parameter fits something."""
+    part, base = even(60), 3.0 + NOISE[0]
+    more = stand_in(1.0 + NOISE[1], 3, free=("p0", "p1", "p2"))
+    fewer = stand_in(1.1 + NOISE[2], squares=squares)  # worse on held-out data, by luck
+    assert (decide(base, [more, fewer], part, 1.0, 0).named is fewer) is named
 
 
 def test_a_better_one_by_more_than_scatter_stands_alone():

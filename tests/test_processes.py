@@ -59,6 +59,33 @@ def test_what_is_measured_acts_back_on_a_wire_of_its_own():
     assert [(p.signal, p.before) for p in branches] == [("bath.y", "loss.u")]
 
 
+def test_what_is_not_measured_acts_back_on_a_wire_of_its_own():
+    """A block that is heated, with the sensor in a sleeve: its loss, and the flow into the sleeve."""
+    heated = Diagram(
+        blocks={
+            "net": Sum(signs="+--"),
+            "rate": Gain(gain=0.005, unit="degC/s"),
+            "block": Integrator(),
+            "above": Bias(bias=-20.0),
+            "loss": Gain(gain=0.9, unit="W"),
+            "step": Sum(signs="+-"),
+            "flow": Gain(gain=4.0, unit="W"),
+            "sleeve": Integrator(gain=0.02, unit="degC"),
+        },
+        wires=[
+            "net -> rate -> block -> above -> loss -> net.minus1",
+            "block -> step.plus",
+            "step -> flow -> net.minus2, sleeve",
+            "sleeve -> step.minus",
+        ],
+        inputs={"power": tsm.Inlet("net.plus", unit="W")},
+        outputs={"temp": "sleeve"},
+    )
+    branches = {p.before for p in insertion_points(heated, ["temp"]) if p.place == "branch"}
+    assert {"loss.u", "flow.u"} <= branches
+    assert not {"rate.u", "net.plus"} & branches
+
+
 def test_the_feedback_of_a_controller_is_no_branch_of_the_process():
     controlled = Diagram(
         blocks={

@@ -52,6 +52,9 @@ PERMUTATIONS = 999
 and MacKinnon, Econometric Reviews 19, 2000, 55-68)."""
 SIGNIFICANCE_LEVEL = 0.05
 """Probability that any candidate exceeds the critical value by chance. Source: convention."""
+AS_GOOD_A_FIT = 4.0
+"""Difference of two sums of squares [noise variances] below which a variant with one parameter less fits as well.
+Source: likelihood-ratio test, 95 %."""
 INDISTINGUISHABLE_T = 2.0
 """Paired t-statistic of two losses below which two candidates are indistinguishable. Source: 95 %, normal."""
 INDISTINGUISHABLE_NOISE_SHARE = 0.01
@@ -219,16 +222,31 @@ def _out_of_bounds_loss(ranking: Sequence[FittedCandidate], before: float) -> fl
 
 
 def _simplest(named: FittedCandidate, ranking: Sequence[FittedCandidate], before: float) -> FittedCandidate:
-    """The candidate, or a special case of it that removes nearly as much: the rest may be another effect."""
+    """The candidate, or a special case of it that removes nearly as much: the rest may be another effect.
+
+    Of variants of it with fewer parameters, one that fits as well: what more parameters predict better on held-out
+    data, without a better fit, is luck.
+    """
+    tenable = [one for one in ranking if one.tenable and not one.disqualifying_bounds]
     special = [
         one
-        for one in ranking
+        for one in tenable
         if one.candidate.effect.name in named.candidate.effect.contains
-        and not one.disqualifying_bounds
-        and one.tenable
         and before - one.loss >= SIMPLER_EFFECT_SHARE * (before - named.loss)
     ]
-    return special[0] if special else named
+    nested = [one for one in tenable if _is_nested(one, named) and _fit_difference(one, named) < AS_GOOD_A_FIT]
+    return next(iter([*special, *nested]), named)
+
+
+def _is_nested(one: FittedCandidate, named: FittedCandidate) -> bool:
+    """Whether a candidate is a variant with fewer parameters of another at the same place."""
+    (effect, _, place), (name, _, there) = one.candidate.key, named.candidate.key
+    return effect == name and place == there and is_more_general(named, one)
+
+
+def _fit_difference(one: FittedCandidate, named: FittedCandidate) -> float:
+    """Sum of squares of a candidate less that of another [noise variances]."""
+    return (one.model.mean_square - named.model.mean_square) * len(named.model.r)
 
 
 def _order_of_naming(one: FittedCandidate) -> tuple[int, bool, float]:

@@ -30,7 +30,7 @@ from tsmblocks.diagnosis.next_base import next_base
 from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.oscillation import comes_back_with_motion, follows_motion, is_oscillation, repeats_another
 from tsmblocks.diagnosis.own_parameters import at_own_parameters, is_rough
-from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, with_memories, with_variants
+from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, refined_fits
 from tsmblocks.diagnosis.screened_candidates import BADLY_PREDICTED, chosen_candidates, screened_candidates
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
@@ -76,7 +76,7 @@ def search_round(
     may_be_noise = model.mean_square <= search.likely_noise
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
     base_loss = mean_loss(losses[0], search.blocks)
-    for score, m in with_memories(with_variants(fits)):
+    for score, m in refined_fits(fits):
         candidate, gain = score.candidate, (model.mean_square - m.mean_square) * len(model.r)
         untenable = next(_why_noise(score, m, model, gain, limits[score], known, may_be_noise), "")
         untenable = untenable or next(_why_untenable(m, model, candidate, search, gain, by_motion), "")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 
 import attrs
 
-from tsmblocks.blocks import Bias, Sum
+from tsmblocks.blocks import Bias, Gain, Sum
 from tsmblocks.common.units import is_one_of, parse
 from tsmblocks.diagnosis.control_loops import control_loops, has_reference, in_front, is_elastic
 from tsmblocks.diagnosis.direction import moves_backwards
@@ -143,7 +143,7 @@ def insertion_points(
                 found.append(_against_motion("load", name, diagram, port, moved))
         found += _in_the_control_loop(diagram, name, source, named)
         if is_no_motion(unit):  # what a motion acts back with is a load, or in the deflection of a spring
-            found += _acting_back(diagram, name, source, named)
+            found += [*_acting_back(diagram, name, source, named), *_at_elements(diagram, name, source, named)]
         inside = list(_inside_the_transmission(diagram, name, source))
         found += [*inside, *_along_a_deflection(diagram, name, drive, inside)]
     loads = {point.before for point in found if point.place == "load"}
@@ -214,6 +214,17 @@ def _acting_back(diagram: Diagram, name: str, source: str, named: Collection[str
         into = [".".join(x.target) for x in diagram.links if x.target[0] == head]
         if len(into) == 1 and integration_count(diagram, name, before=into[0], after="") == 0:
             signal = source_of(diagram, into[0])
+
+
+def _at_elements(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
+    """Wires to what makes a flow of a level and takes it from a balance, as a loss does; no controller."""
+    control = {port for loop in control_loops(diagram, source, named) for port in (loop.fed_back, *loop.commands)}
+    for port in upstream_ports(diagram, diagram.shown[name][0]):
+        head, signal = port.partition(".")[0], source_of(diagram, port)
+        balanced = any(isinstance(diagram.blocks[x.target[0]], Sum) for x in diagram.links if x.source[0] == head)
+        element = balanced and isinstance(diagram.blocks[head], Gain) and head in blocks_behind(diagram, head)
+        if element and port not in control and signal not in (source, *diagram.inputs):
+            yield InsertionPoint("branch", name, signal, before=port)
 
 
 def _in_the_control_loop(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:

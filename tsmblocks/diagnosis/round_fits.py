@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from tsmblocks.diagnosis.candidate_fits import known_starts, start_at
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
@@ -12,9 +14,14 @@ from tsmblocks.diagnosis.model import Model, optimized
 from tsmblocks.diagnosis.screened_candidates import screened_candidates, various
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchContext
+from tsmblocks.diagnosis.shape_trial import with_narrow_bounds
+from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
+from tsmblocks.fitting.inner_products import square
 
 MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
+NEAR_INTERVALS, NEAR_INSTANTS = 3.0, 60
+"""How far from the instant of a change others are tried [intervals of its grid], and how many. Chosen: for run time."""
 VARIANTS_RATIO = 2.0
 """Mean square [those of the best candidate] up to which variants are fitted from one another. Chosen: run time."""
 MAX_ROUGH_FITS = 8
@@ -101,10 +108,47 @@ def with_variants(fits: Sequence[Fit]) -> list[Fit]:
     return ends
 
 
+def at_best_instants(fits: Sequence[Fit]) -> list[Fit]:
+    """The fits of sudden changes, fitted from another instant as well where one beside it is better.
+
+    While the drive is small or turns, a change of it does little, so that its sum of squares has several minima.
+    """
+    least = VARIANTS_RATIO * min((one.model.mean_square for one in fits), default=0.0)
+    return [_at_best_instant(one) if one.model.mean_square <= least else one for one in fits]
+
+
+def _at_best_instant(one: Fit) -> Fit:
+    candidate, model, unknowns = one.score.candidate, one.model, one.model.problem.unknowns
+    name = f"{candidate.block}.{candidate.trials.refine}"
+    if not candidate.trials.refine or name not in unknowns.names:
+        return one
+    k = unknowns.names.index(name)
+    instants = sorted({shape[candidate.trials.refine] for shape in candidate.trials.shapes})
+    interval = (instants[-1] - instants[0]) / (len(instants) - 1)
+    near = model.theta[k] + NEAR_INTERVALS * interval * np.linspace(-1, 1, NEAR_INSTANTS)
+    others = np.arange(len(model.theta)) != k  # parameters and initial states that make up for a part of the change
+    space, starts, squares = column_space(model.J.with_columns(others), SQUARED_EFFECT_TOLERANCE), [], []
+    for instant in np.clip(near, instants[0], instants[-1]):
+        start = np.where(others, model.theta, instant)
+        r = model.problem.residuals(start)
+        inside = space.basis.transposed_times(r[:, None])[:, 0]
+        start[others] -= space.turn @ inside
+        starts.append(np.where(others, np.clip(start, unknowns.low, unknowns.high), instant))
+        squares.append(square(r) - square(inside))
+    best = starts[int(np.argmin(squares))]
+    again = optimized(with_narrow_bounds(model.problem, candidate, best), model.setup, best)
+    return min(one, one._replace(model=again), key=lambda fit: fit.model.mean_square)
+
+
 def _of_variants(fit: Fit) -> tuple[str, str]:
     """What variants of one effect at one place have in common."""
     name, _, place = fit.score.candidate.key
     return name, place
+
+
+def refined_fits(fits: Sequence[Fit]) -> list[Fit]:
+    """The fits, the best of them from where variants of them end, at other instants, and from other memories."""
+    return with_memories(at_best_instants(with_variants(fits)))
 
 
 def with_memories(fits: Sequence[Fit]) -> list[Fit]:

@@ -49,7 +49,7 @@ def fit_starts(
     ordered = sorted(shapes, key=lambda one: -one.gain)
     best = ordered[0]
     if candidate.trials.refine:
-        return _with_narrow_bounds(problem, candidate, best), [best.theta]
+        return with_narrow_bounds(problem, candidate, best.theta), [best.theta]
     distinct = (one for one in ordered[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
     return problem, [_better_start(problem, one) for one in [best, *distinct][:2]]
 
@@ -60,14 +60,16 @@ def _better_start(problem: Problem, one: ShapeTrial) -> np.ndarray:
     return one.theta_base_fixed if not shifted <= base_fixed else one.theta
 
 
-def _with_narrow_bounds(problem: Problem, candidate: Candidate, best: ShapeTrial) -> Problem:
+def with_narrow_bounds(problem: Problem, candidate: Candidate, theta: np.ndarray) -> Problem:
     """The problem with bounds on a refined shape close to its values: the problem is nonsmooth in it."""
     name = f"{candidate.block}.{candidate.trials.refine}"
     items, distance = list(problem.unknowns.items), PINNING_WIDTHS * candidate.transition_time
+    least, most = candidate.trials.bounds.get(candidate.trials.refine, (None, None))
+    low, high = -np.inf if least is None else least, np.inf if most is None else most
     for k, item in enumerate(items):
         if item.parameter == name:
-            value = float(best.theta[k])
-            items[k] = attrs.evolve(item, low=max(value - distance, item.low), high=min(value + distance, item.high))
+            value = float(theta[k])
+            items[k] = attrs.evolve(item, low=max(value - distance, low), high=min(value + distance, high))
     return problem.with_items(items)
 
 

@@ -175,6 +175,9 @@ GAIN_DRIFT = attrs.evolve(
     sizes=(in_proportion("drift of the gain", "rate", "%/min", PERCENT * MINUTE),),
 )
 GAIN_CHANGE_OF_INPUT = attrs.evolve(in_front(GAIN_CHANGE), variant="input, gain")
+GAIN_CHANGE_OF_DRIVE = attrs.evolve(
+    GAIN_CHANGE, words="a sudden change of the drive, or of the mass that it moves", place="drive", variant="drive"
+)
 LOOP_CHANGE = attrs.evolve(
     GAIN_CHANGE,
     words="a sudden change of the gain and the hysteresis",
@@ -255,6 +258,8 @@ EFFECTS = (
     separate(GAIN_CHANGE, "time"),
     GAIN_CHANGE_OF_INPUT,
     separate(GAIN_CHANGE_OF_INPUT, "time"),
+    GAIN_CHANGE_OF_DRIVE,
+    separate(GAIN_CHANGE_OF_DRIVE, "time"),
     on_branch(GAIN_CHANGE),
     separate(on_branch(GAIN_CHANGE), "time"),
     GAIN_DRIFT,
