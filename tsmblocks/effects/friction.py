@@ -34,7 +34,7 @@ def _of_speed(effect: Effect) -> Effect:
         place="brake",
         block=block,
         trials=lambda scales: effect.trials(_as_of_position(scales)),
-        variant="speed",
+        variant=", ".join(filter(None, (effect.variant, "speed"))),
         sizes=tuple(map(_size_of_speed, effect.sizes)),
     )
 
@@ -58,6 +58,13 @@ def _coulomb_trials(scales: Scales) -> Trials:
     shapes = tuple({"friction.smoothing": share * speed} for share in (SMOOTHING_SHARE, SMOOTHING_SHARE / 5))
     bounds = {"friction.smoothing": (1e-3 * speed, 0.1 * speed)}
     return Trials({"friction.level": FRICTION_SHARE * scales.wire.rms}, shapes, bounds=bounds)
+
+
+def _dry_difference_trials(scales: Scales) -> Trials:
+    speed = scales.other.speed
+    bounds = {"sign.smoothing": (1e-3 * speed, 0.1 * speed)}
+    shapes = ({"sign.smoothing": SMOOTHING_SHARE * speed},)
+    return Trials({"difference.gain": FRICTION_SHARE * scales.wire.rms}, shapes, bounds=bounds)
 
 
 def _trials(name: str, power: int, scales: Scales) -> Trials:
@@ -132,6 +139,24 @@ POSITION_EFFECTS = (
                 lambda p, scales: 2 * p["difference.gain"] * scales.other.speed,
             ),
         ),
+    ),
+    Effect(
+        "asymmetric_friction",
+        "friction",
+        "dry friction that differs with the direction",
+        "load",
+        _resisting(
+            "asymmetric friction", {"sign": CoulombFriction(level=1.0), "moving": Abs(), "difference": Gain(gain=0.0)}
+        ),
+        {"difference.gain": 0.0},
+        ("difference.gain", "sign.smoothing"),
+        _dry_difference_trials,
+        excites="motion in both directions, with rests",
+        confused=("load_offset", "drift", "even_nonlinearity"),
+        separates="a rest of the drive: an offset of the load pulls at rest, friction does not",
+        variant="dry",
+        sizes=(in_proportion("difference between the directions", "difference.gain", factor=2.0),),
+        sharp=("sign.smoothing",),
     ),
     Effect(
         "stribeck_friction",
