@@ -416,6 +416,8 @@ def test_demo_refuses_half_a_measurement(tsm, here):
 
 
 def test_unknown_commands_and_none(tsm):
+    assert tsm("help") == tsm("--help")
+    assert tsm("help", "fit") == tsm("fit", "--help")
     fails(tsm("rum", "x"), "there is no command 'rum'. Did you mean 'run'?")
     status, out, err = tsm()
     assert (status, out) == (2, "")

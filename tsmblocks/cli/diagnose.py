@@ -67,7 +67,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     add("--free")
     parameters.local_and_bounds(add)
     add("--set", help="initial value of a parameter that is fitted, or value of one that is not")
-    effects = "effects that are tried, such as backlash 'dead_*' (default: the whole catalogue)"
+    effects = "effects that are tried, as backlash 'dead_*', or '[!r]*' for all without an r in front (default: all)"
     add("--effects", metavar="PATTERN", help=effects, **common.SEVERAL)
     add("--outputs", "--window")
     unfiltered = "leave measured inputs as they are (default: their noise is filtered out, with zero phase)"

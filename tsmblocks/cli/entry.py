@@ -142,6 +142,8 @@ def _dispatch(argv: list[str]) -> int:
     if not argv:
         parser.print_help(sys.stderr)
         return 2
+    if argv[0] == "help":  # as other programs have it
+        argv = [*argv[1:2], "--help"]
     if not argv[0].startswith("-") and argv[0] not in COMMANDS:
         raise UsageError(f"there is no command '{argv[0]}'.{near(argv[0], COMMANDS)}")
     args, extra = parser.parse_known_args(argv)

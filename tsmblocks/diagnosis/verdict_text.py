@@ -104,11 +104,13 @@ def _nearly_as_good(segment: Segment) -> str:
 
 
 def _if_held(segment: Segment) -> str:
-    """A sentence on each dead time that is another if an input is held between samples."""
+    """A sentence on each dead time that is another, beyond its interval, if an input is held between samples."""
+    found = {effect.block: effect.parameters.get("time") for effect in segment.effects}
     return "".join(
         f" If {one.input} is held between samples (--hold {one.input}=zero), which fits as well, {one.block} is "
         f"{in_display_units(MILLISECONDS * one.time, 'ms')}."
         for one in segment.delays_if_held
+        if not ((time := found.get(one.block)) and time.low <= one.time <= time.high)
     )
 
 
