@@ -76,7 +76,7 @@ def search_round(
     may_be_noise = model.mean_square <= search.likely_noise
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []
     base_loss = mean_loss(losses[0], search.blocks)
-    for score, m in refined_fits(fits):
+    for score, m in refined_fits(fits, model.mean_square):
         candidate, gain = score.candidate, (model.mean_square - m.mean_square) * len(model.r)
         untenable = next(_why_noise(score, m, model, gain, limits[score], known, may_be_noise), "")
         untenable = untenable or next(_why_untenable(m, model, candidate, search, gain, by_motion), "")

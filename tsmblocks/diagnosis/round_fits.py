@@ -22,8 +22,9 @@ MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
 NEAR_INTERVALS, NEAR_INSTANTS = 3.0, 60
 """How far from the instant of a change others are tried [intervals of its grid], and how many. Chosen: for run time."""
-VARIANTS_RATIO = 2.0
-"""Mean square [those of the best candidate] up to which variants are fitted from one another. Chosen: run time."""
+VARIANTS_RATIO, CLEAR_SHARE = 2.0, 0.9
+"""Mean square [that of the best candidate, that of the base] up to which a candidate is fitted from other starts, those
+of its variants and other instants. Chosen: for the run time."""
 MAX_ROUGH_FITS = 8
 """Candidates fitted from a rough base, and from the diagram's own parameters, at most. Chosen: for the run time."""
 MAX_ROUGH_TRIALS, ROUGH_STEPS = 24, 12
@@ -88,33 +89,33 @@ def _continued(one: Fit) -> Fit:
     return one._replace(model=optimized(one.model.problem, one.model.setup, one.model.theta))
 
 
-def with_variants(fits: Sequence[Fit]) -> list[Fit]:
+def with_variants(fits: Sequence[Fit], most: float) -> list[Fit]:
     """The fits, those of variants of one effect at one place fitted from the best of them as well.
 
     An end stop and end stops at both ends, of which only one is reached, then end at the same optimum: which of two
-    variants is named is no matter of where their fits began.
+    variants is named is no matter of where their fits began. Those are left as they are whose best leaves a larger mean
+    square than ``most``.
     """
     best = dict[tuple[str, str], Fit]()
     for one in sorted(fits, key=lambda fit: fit.model.mean_square):
         best.setdefault(_of_variants(one), one)
-    least = VARIANTS_RATIO * min((one.model.mean_square for one in fits), default=0.0)
     ends = list[Fit]()
     for one in fits:
         other, score = best[_of_variants(one)], one.score
-        if other is not one and other.model.mean_square <= least:
+        if other is not one and other.model.mean_square <= most:
             again = optimized(score.problem, score.setup, start_at(score, other.score.candidate, other.model))
             one = min(one, one._replace(model=again), key=lambda fit: fit.model.mean_square)
         ends.append(one)
     return ends
 
 
-def at_best_instants(fits: Sequence[Fit]) -> list[Fit]:
+def at_best_instants(fits: Sequence[Fit], most: float) -> list[Fit]:
     """The fits of sudden changes, fitted from another instant as well where one beside it is better.
 
-    While the drive is small or turns, a change of it does little, so that its sum of squares has several minima.
+    While the drive is small or turns, a change of it does little, so that its sum of squares has several minima. Those
+    that leave a larger mean square than ``most`` are left as they are.
     """
-    least = VARIANTS_RATIO * min((one.model.mean_square for one in fits), default=0.0)
-    return [_at_best_instant(one) if one.model.mean_square <= least else one for one in fits]
+    return [_at_best_instant(one) if one.model.mean_square <= most else one for one in fits]
 
 
 def _at_best_instant(one: Fit) -> Fit:
@@ -146,9 +147,14 @@ def _of_variants(fit: Fit) -> tuple[str, str]:
     return name, place
 
 
-def refined_fits(fits: Sequence[Fit]) -> list[Fit]:
-    """The fits, the best of them from where variants of them end, at other instants, and from other memories."""
-    return with_memories(at_best_instants(with_variants(fits)))
+def refined_fits(fits: Sequence[Fit], base: float) -> list[Fit]:
+    """The fits, the best of them from where variants of them end, at other instants, and from other memories.
+
+    ``base`` is the mean square of the base: beside noise alone all fits are alike, and would all be the best.
+    """
+    least = min((one.model.mean_square for one in fits), default=0.0)
+    most = min(VARIANTS_RATIO * least, CLEAR_SHARE * base)
+    return with_memories(at_best_instants(with_variants(fits, most), most))
 
 
 def with_memories(fits: Sequence[Fit]) -> list[Fit]:
