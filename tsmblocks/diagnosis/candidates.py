@@ -76,6 +76,11 @@ class Candidate:
         return tuple(f"{self.block}.{k}" for k in self.effect.sharp)
 
     @property
+    def rounding(self) -> tuple[str, ...]:
+        """Full names of its parameters at whose lower bound a corner is sharp enough."""
+        return tuple(f"{self.block}.{k}" for k in (*self.effect.sharp, *self.effect.rounds))
+
+    @property
     def replaced(self) -> str:
         """The name of the block that is replaced; empty for an effect that adds a block."""
         return self.block if isinstance(self.effect, Replacement) else ""

@@ -172,4 +172,4 @@ class DiagnosedPart:
     @property
     def corners(self) -> list[str]:
         """Full names of the parameters of accepted effects that smooth a corner."""
-        return [name for one in self.named for name in one.candidate.corners]
+        return [name for one in self.named for name in one.candidate.rounding]

@@ -113,6 +113,9 @@ class Effect:
         current, a power or a flow.
     sharp : tuple of str, default ()
         Parameters that smooth a corner of its form: at their lower bound the corner is sharp, and its sizes hold.
+    rounds : tuple of str, default ()
+        Parameters that round its form as those of ``sharp`` do, where a corner that is sharper than their lower bound
+        makes no difference to what is reported.
     of_gain : bool, default False
         Whether its size is the error of a gain in per cent: two of them are compared by the ratio of the gains.
 
@@ -162,6 +165,7 @@ class Effect:
     of_motion: bool = False
     mechanical: bool = False
     sharp: tuple[str, ...] = ()
+    rounds: tuple[str, ...] = ()
     of_gain: bool = False
 
     def words_on(self, unit: str) -> str:
@@ -239,7 +243,7 @@ def parameter_faults(effect: Effect) -> Iterator[str]:
             yield f"its block must be at its null, and {name} is {numbers[name]:g} instead of {value:g}."
     if not effect.free:
         yield "none of its parameters is fitted; name parameters of its block in free."
-    for what in ("within", "below", "local", "sharp"):
+    for what in ("within", "below", "local", "sharp", "rounds"):
         yield from _unknown(getattr(effect, what), effect.free, f"{what} names '{{}}', which is not free to be fitted.")
     yield from _unknown(effect.settled, states, "its block has no state '{}' to initialise.")
     for odd in (one for one in effect.sizes if not isinstance(one, Size)):

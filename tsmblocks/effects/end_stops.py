@@ -65,6 +65,7 @@ def _end_stops(variant: str, words: str, *ends: str) -> Effect:
         confused=("odd_nonlinearity", "even_nonlinearity", "saturation"),
         separates="slow motion into both stops",
         variant=variant,
+        rounds=("stop.transition",),
         sizes=(
             *(in_proportion(STOPS[end], f"stop.{end}", "{x}") for end in ends),
             in_proportion("stiffness", "stop.stiffness", "{u}/{x}"),
