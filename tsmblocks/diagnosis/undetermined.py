@@ -12,7 +12,7 @@ from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.decision import Shrinkage, held_out_losses, mean_loss, shrinkage_of
 from tsmblocks.diagnosis.determined import is_determined, lost_parameters
 from tsmblocks.diagnosis.diagnosed_part import Omission
-from tsmblocks.diagnosis.exchange import rounds_for
+from tsmblocks.diagnosis.exchange import exchange_effects, rounds_for
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.forward_selection import closing_round, forward_search
 from tsmblocks.diagnosis.model import Model
@@ -29,6 +29,25 @@ LeftOut = tuple[list[SearchRound], Model, Shrinkage]
 
 
 def without_undetermined(
+    rounds: Sequence[SearchRound], search: SearchContext
+) -> tuple[list[SearchRound], list[Omission]]:
+    """Rounds in which every accepted effect is determined beside all the others, and those that were left out.
+
+    Effects that were left out beside one that has no determined size itself are candidates again without that one, if
+    none is left.
+    """
+    left, omitted = _determined_rounds(rounds, search)
+    alone = [one for one in omitted if one.reason == NO_SIZE]
+    if accepted_count(left, search) or not alone or len(alone) == len(omitted):
+        return left, omitted
+    gone, again = [one.effect.candidate.effect for one in alone], list[SearchRound]()
+    search = attrs.evolve(search, effects=[one for one in search.effects if all(_may_follow(one, x) for x in gone)])
+    forward_search(rounds[0].base, {}, search, again)
+    found, more = _determined_rounds(exchange_effects(again, search), search)
+    return (found, [*alone, *more]) if accepted_count(found, search) else (left, omitted)
+
+
+def _determined_rounds(
     rounds: Sequence[SearchRound], search: SearchContext
 ) -> tuple[list[SearchRound], list[Omission]]:
     """Rounds in which every accepted effect is determined beside all the others, and those that were left out.
