@@ -152,3 +152,13 @@ def test_detection_limits_that_are_accelerations_are_called_so():
     assert note in whole.details()
     assert note in page(whole)
     assert "accelerations" not in str(diagnosis()) + page(diagnosis())
+
+
+def test_accelerations_in_two_units_are_told_of_once():
+    units = ["rad/s^2", "deg/s^2"]
+    limits = tuple(
+        attrs.evolve(one, size=0.04, size_unit=unit, size_name="friction")
+        for one, unit in zip(NAMED.limits * 2, units, strict=False)
+    )
+    note = "are accelerations: times the inertia, torques."
+    assert diagnosis(attrs.evolve(NAMED, limits=limits)).details().replace("\n", " ").count(note) == 1

@@ -10,6 +10,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.blocks import Gain
+from tsmblocks.common.tables import listed
 from tsmblocks.common.units import display_unit, displayed_in, is_unit, parse, times
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.control_loops import in_front
@@ -384,8 +385,11 @@ def _divided(size: Quantity, by: float) -> Quantity:
 def acceleration_note(limits: Iterable[DetectionLimit]) -> str:
     """A remark on detection limits that are accelerations; empty where none is."""
     labels = (display_unit(limit_quantity(one)[2])[1] for one in limits if one.value is not None)
-    found = {
-        unit: FORCES[parse(unit).dimension] for unit in labels if is_unit(unit) and parse(unit).dimension in FORCES
-    }
-    said = [f"Sizes in {unit} are accelerations: times the {by}, {force}s." for unit, (by, force) in found.items()]
-    return " ".join(said)
+    found = dict[tuple[str, str], dict[str, None]]()
+    for unit in labels:
+        if is_unit(unit) and parse(unit).dimension in FORCES:
+            found.setdefault(FORCES[parse(unit).dimension], {})[unit] = None
+    return " ".join(
+        f"Sizes in {listed(list(units), 3)} are accelerations: times the {by}, {force}s."
+        for (by, force), units in found.items()
+    )
