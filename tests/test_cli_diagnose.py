@@ -395,6 +395,22 @@ def test_sigterm_ends_a_command_as_ctrl_c_does(run, monkeypatch):
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a process there has no SIGTERM to catch")
+def test_sigterm_ends_a_command_that_ignores_ctrl_c(run, monkeypatch):
+    """A shell without job control has the commands that a script starts with & ignore SIGINT."""
+
+    def tell(name, done, of):
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(console, "progress_line", lambda words, quiet: nullcontext(tell))
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        assert run(*BASE, *FEW) == (130, "", "tsmblocks: stopped before everything was done.\n")
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def test_a_fault_and_a_note_do_not_say_the_same(run, tmp_path):
     """The note on a misspelled column proposed what the error before it did."""
     text = "t [s],x_in [rad],x_oot [rad]\n" + "\n".join(f"{0.01 * k},{0.1 * k % 1},0.5" for k in range(200))

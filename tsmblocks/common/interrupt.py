@@ -47,6 +47,10 @@ _CURRENT: ContextVar[InterruptFlag | None] = ContextVar("_CURRENT", default=None
 """The flag of the innermost search."""
 
 
+_DEFERRED: list[InterruptFlag] = []
+"""The flags of all searches of the main thread that defer an interrupt, the innermost last."""
+
+
 def checkpoint() -> None:
     """``InterruptFlag.check`` of the search that is under way, from where its flag is not at hand.
 
@@ -87,9 +91,13 @@ def defer_interrupt(time_limit: float | None = None) -> Iterator[InterruptFlag]:
 
     if ours:
         signal.signal(signal.SIGINT, pressed)
+    if in_main:
+        _DEFERRED.append(flag)
     try:
         yield flag
     finally:
+        if in_main:
+            _DEFERRED.pop()
         _CURRENT.reset(outer)
         if ours:
             signal.signal(signal.SIGINT, before)
@@ -169,6 +177,14 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def _interrupt_in_background() -> None:
+    """What Ctrl-C would do in a process that ignores it, as those do that a script has started with &."""
+    _NOTED.stop = True
+    if not _DEFERRED or _DEFERRED[-1].stop:
+        raise KeyboardInterrupt
+    _DEFERRED[-1].stop = True
+
+
 @contextmanager
 def terminate_as_interrupt() -> Iterator[None]:
     """Let SIGTERM end a program as Ctrl-C does; processes that it has started end at once, as they would."""
@@ -178,7 +194,9 @@ def terminate_as_interrupt() -> Iterator[None]:
         return
 
     def terminated(number: int, _frame: Any) -> None:
-        if os.getpid() == own:
+        if os.getpid() == own and signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+            _interrupt_in_background()
+        elif os.getpid() == own:
             signal.raise_signal(signal.SIGINT)
         else:
             signal.signal(number, signal.SIG_DFL)
