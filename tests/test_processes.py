@@ -86,6 +86,25 @@ def test_what_is_not_measured_acts_back_on_a_wire_of_its_own():
     assert not {"rate.u", "net.plus"} & branches
 
 
+def test_the_outflow_of_a_tank_is_a_branch_and_the_spring_of_a_mass_is_none():
+    """Both are fed back from a length; a level sets its own rate, a position its acceleration."""
+    blocks = {"net": Sum(signs="+-"), "level": Integrator(), "out": Gain(gain=0.01, unit="cm/s")}
+    tank = Diagram(
+        blocks=blocks,
+        wires=["net -> level -> out -> net.minus"],
+        inputs={"pump": tsm.Inlet("net.plus", unit="cm/s")},
+        outputs={"level": "level"},
+    )
+    assert [p.before for p in insertion_points(tank, ["level"]) if p.place == "branch"] == ["out.u"]
+    mass = Diagram(
+        blocks={**blocks, "speed": Integrator(), "out": Gain(gain=9.0, unit="cm/s^2")},
+        wires=["net -> speed -> level -> out -> net.minus"],
+        inputs={"push": tsm.Inlet("net.plus", unit="cm/s^2")},
+        outputs={"level": "level"},
+    )
+    assert not [p for p in insertion_points(mass, ["level"]) if p.place == "branch"]
+
+
 def test_the_feedback_of_a_controller_is_no_branch_of_the_process():
     controlled = Diagram(
         blocks={

@@ -53,7 +53,7 @@ and MacKinnon, Econometric Reviews 19, 2000, 55-68)."""
 SIGNIFICANCE_LEVEL = 0.05
 """Probability that any candidate exceeds the critical value by chance. Source: convention."""
 AS_GOOD_A_FIT = 4.0
-"""Difference of two sums of squares [noise variances] below which a variant with one parameter less fits as well.
+"""Difference of two sums of squares, over the mean square, below which a variant with one parameter less fits as well.
 Source: likelihood-ratio test, 95 %."""
 INDISTINGUISHABLE_T = 2.0
 """Paired t-statistic of two losses below which two candidates are indistinguishable. Source: 95 %, normal."""
@@ -245,8 +245,9 @@ def _is_nested(one: FittedCandidate, named: FittedCandidate) -> bool:
 
 
 def _fit_difference(one: FittedCandidate, named: FittedCandidate) -> float:
-    """Sum of squares of a candidate less that of another [noise variances]."""
-    return (one.model.mean_square - named.model.mean_square) * len(named.model.r)
+    """Sum of squares of a candidate less that of another [mean squares of what the other leaves]."""
+    least = named.model.mean_square
+    return (one.model.mean_square - least) / max(least, 1e-300) * len(named.model.r)
 
 
 def _order_of_naming(one: FittedCandidate) -> tuple[int, bool, float]:

@@ -28,6 +28,8 @@ SPEED_DIMENSIONS = {parse(unit).dimension for unit in ("rad/s", "m/s")}
 """Dimensions of outputs that are speeds."""
 POSITION_DIMENSIONS = {parse(unit).dimension for unit in ("rad", "m")}
 """Dimensions of signals that are positions."""
+LEVEL_DIMENSIONS = {parse("m").dimension}
+"""Dimensions of signals that may be levels."""
 NOT_MECHANICAL = {parse(unit).dimension for unit in ("Pa", "K", "degC", "A", "W", "kg/s", "m^3/s")}
 """Dimensions of signals that are neither motions nor forces."""
 NO_MOTIONS = NOT_MECHANICAL | {parse(unit).dimension for unit in ("N", "N*m")}
@@ -142,8 +144,10 @@ def insertion_points(
             if moved != source or not is_no_motion(unit):
                 found.append(_against_motion("load", name, diagram, port, moved))
         found += _in_the_control_loop(diagram, name, source, named)
-        if is_no_motion(unit):  # what a motion acts back with is a load, or in the deflection of a spring
-            found += [*_acting_back(diagram, name, source, named), *_at_elements(diagram, name, source, named)]
+        back = [*_acting_back(diagram, name, source, named), *_at_elements(diagram, name, source, named)]
+        if not is_no_motion(unit):  # what a motion acts back with is a load, or in the deflection of a spring
+            back = [point for point in back if _is_balance(diagram, unit, point)]
+        found += back
         inside = list(_inside_the_transmission(diagram, name, source))
         found += [*inside, *_along_a_deflection(diagram, name, drive, inside)]
     loads = {point.before for point in found if point.place == "load"}
@@ -214,6 +218,12 @@ def _acting_back(diagram: Diagram, name: str, source: str, named: Collection[str
         into = [".".join(x.target) for x in diagram.links if x.target[0] == head]
         if len(into) == 1 and integration_count(diagram, name, before=into[0], after="") == 0:
             signal = source_of(diagram, into[0])
+
+
+def _is_balance(diagram: Diagram, unit: str, point: InsertionPoint) -> bool:
+    """Whether a signal in the unit of a length sets its own rate at a point, as the level of a tank does; no motion."""
+    once = integration_count(diagram, point.signal, before=point.before, after="") == FORCE_TO_POSITION - 1
+    return once and is_one_of(unit, LEVEL_DIMENSIONS)
 
 
 def _at_elements(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:

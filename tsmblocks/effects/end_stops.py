@@ -44,12 +44,13 @@ def _end_stops(variant: str, words: str, *ends: str) -> Effect:
 
     def trials(scales: Scales) -> Trials:
         reach = scales.other.reach
-        damper = {"stop.damping": 0.0, "stop.transition": TRANSITION * reach}
+        stiffness, transition = FORCE_SHARE * scales.wire.rms / max(reach, 1e-300), TRANSITION * reach
+        damper = {"stop.damping": 0.0, "stop.transition": transition}
         shapes = tuple({**damper, **{f"stop.{end}": ENDS[end](share, scales) for end in ends}} for share in STOP_SHARES)
         within = {f"stop.{end}": _between(ENDS[end](0.0, scales), ENDS[end](1 + BEYOND, scales)) for end in ends}
         low, high = TRANSITION_LIMITS
         bounds = {"stop.stiffness": (0.0, None), "stop.transition": (low * reach, high * reach), **within}
-        return Trials({"stop.stiffness": FORCE_SHARE * scales.wire.rms / max(reach, 1e-300)}, shapes, bounds=bounds)
+        return Trials({"stop.stiffness": stiffness}, shapes, bounds=bounds)
 
     none = {"low": -math.inf, "high": math.inf, **dict.fromkeys(ends, 0.0)}
     return Effect(

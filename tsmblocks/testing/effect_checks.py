@@ -173,14 +173,15 @@ def trials_show(bench: Bench) -> None:
 
 @EFFECT_CHECKS.add
 def every_free_parameter_matters(bench: Bench) -> None:
-    """Each parameter that is fitted changes the output somewhere."""
+    """Each parameter that is fitted changes the output somewhere, if only where others are not zero."""
     trials = _needed(bench)
     together = {**trials.fixed, **trials.shapes[len(trials.shapes) // 2], **trials.strengths}
-    idle, before = [], bench.run(together)
+    lifted, idle = {**together, **{k: 0.1 for k in bench.effect.free if not together[k]}}, []
+    pairs = [(values, bench.run(values)) for values in (together, lifted)]
     for name in bench.effect.free:
         value = together[name]
-        moved = value * 0.9 if value else 0.1
-        if np.array_equal(bench.run({**together, name: moved}), before):
+        moved = value * 0.9 if value else 0.2
+        if all(np.array_equal(bench.run({**values, name: moved}), before) for values, before in pairs):
             idle.append(name)
     need(not idle, f"the output does not depend on {', '.join(idle)}, which is free to be fitted.")
 

@@ -95,8 +95,8 @@ BENDING: list[Make] = [
     lambda r: B.EndStops(
         low=-_some(r, 0.1, 1),
         high=_some(r, 0.1, 1),
-        stiffness=_either(r, 0, 50),
-        damping=_either(r, 0, 5),
+        stiffness=_some(r, 0, 50),
+        damping=_some(r, 0, 5),
         transition=_some(r, 0.02, 0.3),
     ),
     lambda r: B.Disturbance(
