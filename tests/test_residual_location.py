@@ -15,7 +15,7 @@ def found(r, **known):
 
 
 def test_a_single_experiment_does_not_differ_from_others():
-    """Of one recording, a residual whose mean is not 0 was said to differ from experiment to experiment."""
+    """The mean of its residual is an offset, and no difference from experiment to experiment."""
     x = np.sin(0.05 * np.arange(COUNT))
     r = 1.0 + x + 0.1 * np.random.default_rng(1).standard_normal(COUNT)
     assert [*found(r, position=x, experiment=np.zeros(COUNT))] == ["position"]

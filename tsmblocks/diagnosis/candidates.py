@@ -78,7 +78,7 @@ class Candidate:
     @property
     def rounding(self) -> tuple[str, ...]:
         """Full names of its parameters at whose lower bound a corner is sharp enough."""
-        return tuple(f"{self.block}.{k}" for k in (*self.effect.sharp, *self.effect.rounds))
+        return (*self.corners, *(f"{self.block}.{k}" for k in self.effect.rounds))
 
     @property
     def replaced(self) -> str:

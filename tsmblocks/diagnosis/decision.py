@@ -235,7 +235,7 @@ def _simplest(named: FittedCandidate, ranking: Sequence[FittedCandidate], before
         and before - one.loss >= SIMPLER_EFFECT_SHARE * (before - named.loss)
     ]
     nested = [one for one in tenable if _is_nested(one, named) and _fit_difference(one, named) < AS_GOOD_A_FIT]
-    return next(iter([*special, *nested]), named)
+    return [*special, *nested, named][0]
 
 
 def _is_nested(one: FittedCandidate, named: FittedCandidate) -> bool:

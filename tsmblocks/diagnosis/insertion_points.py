@@ -144,10 +144,10 @@ def insertion_points(
             if moved != source or not is_no_motion(unit):
                 found.append(_against_motion("load", name, diagram, port, moved))
         found += _in_the_control_loop(diagram, name, source, named)
-        back = [*_acting_back(diagram, name, source, named), *_at_elements(diagram, name, source, named)]
-        if not is_no_motion(unit):  # what a motion acts back with is a load, or in the deflection of a spring
-            back = [point for point in back if _is_balance(diagram, unit, point)]
-        found += back
+        if is_no_motion(unit) or is_one_of(unit, LEVEL_DIMENSIONS):
+            back = [*_acting_back(diagram, name, source, named), *_at_elements(diagram, name, source, named)]
+            # what a motion acts back with is a load, or in the deflection of a spring
+            found += [point for point in back if is_no_motion(unit) or _is_balance(diagram, point)]
         inside = list(_inside_the_transmission(diagram, name, source))
         found += [*inside, *_along_a_deflection(diagram, name, drive, inside)]
     loads = {point.before for point in found if point.place == "load"}
@@ -220,10 +220,9 @@ def _acting_back(diagram: Diagram, name: str, source: str, named: Collection[str
             signal = source_of(diagram, into[0])
 
 
-def _is_balance(diagram: Diagram, unit: str, point: InsertionPoint) -> bool:
-    """Whether a signal in the unit of a length sets its own rate at a point, as the level of a tank does; no motion."""
-    once = integration_count(diagram, point.signal, before=point.before, after="") == FORCE_TO_POSITION - 1
-    return once and is_one_of(unit, LEVEL_DIMENSIONS)
+def _is_balance(diagram: Diagram, point: InsertionPoint) -> bool:
+    """Whether a signal sets its own rate at a point, as the level of a tank does, and not its acceleration."""
+    return integration_count(diagram, point.signal, before=point.before, after="") == FORCE_TO_POSITION - 1
 
 
 def _at_elements(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:

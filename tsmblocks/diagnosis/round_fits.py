@@ -103,8 +103,8 @@ def with_variants(fits: Sequence[Fit], most: float) -> list[Fit]:
     for one in fits:
         other, score = best[_of_variants(one)], one.score
         if other is not one and other.model.mean_square <= most:
-            again = optimized(score.problem, score.setup, start_at(score, other.score.candidate, other.model))
-            one = min(one, one._replace(model=again), key=lambda fit: fit.model.mean_square)
+            start = start_at(score, other.score.candidate, other.model)
+            one = _better(one, optimized(score.problem, score.setup, start))
         ends.append(one)
     return ends
 
@@ -137,8 +137,12 @@ def _at_best_instant(one: Fit) -> Fit:
         starts.append(np.where(others, np.clip(start, unknowns.low, unknowns.high), instant))
         squares.append(square(r) - square(inside))
     best = starts[int(np.argmin(squares))]
-    again = optimized(with_narrow_bounds(model.problem, candidate, best), model.setup, best)
-    return min(one, one._replace(model=again), key=lambda fit: fit.model.mean_square)
+    return _better(one, optimized(with_narrow_bounds(model.problem, candidate, best), model.setup, best))
+
+
+def _better(one: Fit, model: Model) -> Fit:
+    """The fit with a model that leaves less, or as it is."""
+    return one._replace(model=model) if model.mean_square < one.model.mean_square else one
 
 
 def _of_variants(fit: Fit) -> tuple[str, str]:

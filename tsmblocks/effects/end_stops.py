@@ -7,36 +7,24 @@ from collections.abc import Mapping
 
 from tsmblocks.blocks import EndStops
 from tsmblocks.effects.effect import Effect
+from tsmblocks.effects.loads import PULL_SHARE
 from tsmblocks.effects.sizes import MILLISECONDS, Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 from tsmblocks.effects.variants import resisting
 
-FORCE_SHARE = 0.05
-"""Trial force of a stop at half the range of the motion, as a share of the rms drive. Chosen: that of other forces."""
 STOP_SHARES = (0.95, 0.8, 0.6, 0.35)
 """Trial distances of an end stop from the middle of the motion [half its range]. Chosen."""
 BEYOND = 0.04
 """How far beyond the motion a stop is fitted at most [half its range]. Chosen."""
 TRANSITION, TRANSITION_LIMITS = 0.01, (1e-4, 0.2)
 """Trial compression over which damping sets in, and its limits [half the range of the motion]. Chosen."""
+ENDS = {"low": (-1.0, "lower stop"), "high": (1.0, "upper stop")}
+"""Parameter of the block -> the side of the middle of the motion on which its stop is, and the stop in words."""
 
 
-def _lower(share: float, scales: Scales) -> float:
-    return scales.other.middle - share * scales.other.reach
-
-
-def _upper(share: float, scales: Scales) -> float:
-    return scales.other.middle + share * scales.other.reach
-
-
-ENDS = {"low": _lower, "high": _upper}
-"""Parameter of the block -> position of its stop, so far from the middle of the motion [half its range]."""
-STOPS = {"low": "lower stop", "high": "upper stop"}
-"""Parameter of the block -> its stop in words."""
-
-
-def _between(one: float, other: float) -> tuple[float | None, float | None]:
-    return min(one, other), max(one, other)
+def _place(end: str, share: float, scales: Scales) -> float:
+    """The position of a stop, so far from the middle of the motion [half its range]."""
+    return scales.other.middle + ENDS[end][0] * share * scales.other.reach
 
 
 def _end_stops(variant: str, words: str, *ends: str) -> Effect:
@@ -44,13 +32,18 @@ def _end_stops(variant: str, words: str, *ends: str) -> Effect:
 
     def trials(scales: Scales) -> Trials:
         reach = scales.other.reach
-        stiffness, transition = FORCE_SHARE * scales.wire.rms / max(reach, 1e-300), TRANSITION * reach
-        damper = {"stop.damping": 0.0, "stop.transition": transition}
-        shapes = tuple({**damper, **{f"stop.{end}": ENDS[end](share, scales) for end in ends}} for share in STOP_SHARES)
-        within = {f"stop.{end}": _between(ENDS[end](0.0, scales), ENDS[end](1 + BEYOND, scales)) for end in ends}
-        low, high = TRANSITION_LIMITS
-        bounds = {"stop.stiffness": (0.0, None), "stop.transition": (low * reach, high * reach), **within}
-        return Trials({"stop.stiffness": stiffness}, shapes, bounds=bounds)
+        damper = {"stop.damping": 0.0, "stop.transition": TRANSITION * reach}
+        shapes = tuple(
+            {**damper, **{f"stop.{end}": _place(end, share, scales) for end in ends}} for share in STOP_SHARES
+        )
+        bounds: dict[str, tuple[float | None, float | None]] = {
+            "stop.stiffness": (0.0, None),
+            "stop.transition": (TRANSITION_LIMITS[0] * reach, TRANSITION_LIMITS[1] * reach),
+        }
+        for end in ends:
+            low, high = sorted(_place(end, share, scales) for share in (0.0, 1 + BEYOND))
+            bounds[f"stop.{end}"] = low, high
+        return Trials({"stop.stiffness": PULL_SHARE * scales.wire.rms / max(reach, 1e-300)}, shapes, bounds=bounds)
 
     none = {"low": -math.inf, "high": math.inf, **dict.fromkeys(ends, 0.0)}
     return Effect(
@@ -68,7 +61,7 @@ def _end_stops(variant: str, words: str, *ends: str) -> Effect:
         variant=variant,
         rounds=("stop.transition",),
         sizes=(
-            *(in_proportion(STOPS[end], f"stop.{end}", "{x}") for end in ends),
+            *(in_proportion(ENDS[end][1], f"stop.{end}", "{x}") for end in ends),
             in_proportion("stiffness", "stop.stiffness", "{u}/{x}"),
             Size("damping over stiffness", lambda p, _: _retardation(p), "ms"),
         ),

@@ -53,18 +53,12 @@ def _as_of_position(scales: Scales) -> Scales:
     return attrs.evolve(scales, other=Span(-travel, travel, travel, speed.rms, fastest))
 
 
-def _coulomb_trials(scales: Scales) -> Trials:
+def _dry_trials(level: str, smoothing: str, shares: tuple[float, ...], scales: Scales) -> Trials:
+    """Trial values of a dry friction whose sign changes within one of some speeds [rms speed]."""
     speed = scales.other.speed
-    shapes = tuple({"friction.smoothing": share * speed} for share in (SMOOTHING_SHARE, SMOOTHING_SHARE / 5))
-    bounds = {"friction.smoothing": (1e-3 * speed, 0.1 * speed)}
-    return Trials({"friction.level": FRICTION_SHARE * scales.wire.rms}, shapes, bounds=bounds)
-
-
-def _dry_difference_trials(scales: Scales) -> Trials:
-    speed = scales.other.speed
-    bounds = {"sign.smoothing": (1e-3 * speed, 0.1 * speed)}
-    shapes = ({"sign.smoothing": SMOOTHING_SHARE * speed},)
-    return Trials({"difference.gain": FRICTION_SHARE * scales.wire.rms}, shapes, bounds=bounds)
+    shapes = tuple({smoothing: share * speed} for share in shares)
+    bounds = {smoothing: (1e-3 * speed, 0.1 * speed)}
+    return Trials({level: FRICTION_SHARE * scales.wire.rms}, shapes, bounds=bounds)
 
 
 def _trials(name: str, power: int, scales: Scales) -> Trials:
@@ -100,7 +94,7 @@ POSITION_EFFECTS = (
         _resisting("Coulomb friction", {"friction": CoulombFriction(level=0.0)}),
         {"friction.level": 0.0},
         ("friction.level", "friction.smoothing"),
-        _coulomb_trials,
+        functools.partial(_dry_trials, "friction.level", "friction.smoothing", (SMOOTHING_SHARE, SMOOTHING_SHARE / 5)),
         excites="reversals of the motion",
         confused=("presliding_friction", "asymmetric_friction", "stribeck_friction"),
         separates="slow triangles in both directions at two speeds",
@@ -150,7 +144,7 @@ POSITION_EFFECTS = (
         ),
         {"difference.gain": 0.0},
         ("difference.gain", "sign.smoothing"),
-        _dry_difference_trials,
+        functools.partial(_dry_trials, "difference.gain", "sign.smoothing", (SMOOTHING_SHARE,)),
         excites="motion in both directions, with rests",
         confused=("load_offset", "drift", "even_nonlinearity"),
         separates="a rest of the drive: an offset of the load pulls at rest, friction does not",

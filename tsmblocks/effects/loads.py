@@ -14,7 +14,7 @@ from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
 PULL_SHARE = 0.05
-"""Trial force of a stiffness, as a share of the rms drive. Chosen: that of the other forces."""
+"""Trial force of a stiffness or an end stop, as a share of the rms drive. Chosen: that of the other forces."""
 REST_REACH = 5.0
 """Rest position of a spring, from the middle of the motion [half its range]. Chosen: farther off it pulls evenly."""
 
