@@ -130,7 +130,7 @@ class Replacement(Effect):
         Not used.
     mechanical : bool, default False
         Not used.
-    sharp : tuple of str, default ()
+    sharp, rounds : tuple of str, default ()
         As for ``Effect``.
     of_gain : bool, default False
         As for ``Effect``.
