@@ -7,7 +7,7 @@ from typing import Any
 import attrs
 import casadi as ca
 
-from tsmblocks.model.block import Block, Input, Output, Past, State, block, option, parameter
+from tsmblocks.model.block import Block, Input, Output, Past, State, block, option, parameter, state
 
 BEFORE = -1e200
 """Initial time [s], so early that its state has decayed. Chosen: finite, so that derivatives are."""
@@ -35,7 +35,8 @@ class Lag(Block):
         a &= \frac{T}{s} \left(1 - e^{-s/T}\right), \qquad c = \frac{u - u_k - m s}{s + l}
 
     At T = 0 the signal passes bit for bit, and the derivative of the output by T there is that of -T du/dt.
-    The output starts at the first value of the input, and the first step runs along a line.
+    The output starts at the first value of the input, from which ``behind`` takes it away; the first step runs along a
+    line.
     """
 
     source = "definition; the exact response to a piecewise parabola"
@@ -45,13 +46,14 @@ class Lag(Block):
     time_constant: float = parameter(default=0.0, about="time to 63 % of a step", unit="s", at_least=0.0)
     u = Input("any signal", unit="?u")
     y = Output("the signal, lagging", unit="?u")
+    behind: float = state(default=0.0, about="output less input at the start of the step", unit="?u")
 
     @property
     def states(self) -> dict[str, State]:
         return {
+            **super().states,
             "time": State(BEFORE, "start of the step", "s"),
             "last": State(0.0, "input there", "?u"),
-            "behind": State(0.0, "output less input there", "?u"),
             "slope": State(0.0, "mean rate of the input in the step before", "?u/s"),
             "length": State(-BEFORE, "length of the step before", "s"),
         }
@@ -67,7 +69,8 @@ class Lag(Block):
         left = ca.if_else(lagging, left, ca.floor(left))
         mean = (1 - still) * T / constant * (-ca.expm1(-(ratio + QUOTIENT_SHIFT)) / (ratio + QUOTIENT_SHIFT))
         bend = (rise - x.slope * passed) / ca.fmax(passed + x.length, ZERO_TIME)
-        return x.behind * left - rise * mean + bend * (T * (1 - left) - 2 * T * (1 - mean))
+        behind = x.behind * left - rise * mean + bend * (T * (1 - left) - 2 * T * (1 - mean))
+        return ca.if_else(x.time > 0.5 * BEFORE, behind, x.behind)
 
     def updates(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         passed = t - x.time

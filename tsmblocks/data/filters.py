@@ -13,6 +13,7 @@ from tsmblocks.common.errors import DataError
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.units import heading
 from tsmblocks.data.grid import refuse_not_finite, refuse_uneven
+from tsmblocks.data.jumps import jumps
 
 if TYPE_CHECKING:
     from tsmblocks.data.record import Record
@@ -106,6 +107,14 @@ def choose_cutoff(x: np.ndarray, step: float, order: int = 4, derivative: int = 
     return float(cutoffs[best]) if best < CANDIDATES - 1 else None
 
 
+def smoothed(x: np.ndarray, step: float, order: int = 4) -> tuple[np.ndarray, float | None]:
+    """A signal (n,) low-passed between its jumps with a cut-off [Hz] that is chosen, and that; as it is with None."""
+    staircase = jumps(x)
+    level = x - staircase
+    cutoff = choose_cutoff(level, step, order)
+    return (x, None) if cutoff is None else (low_pass(level, step, cutoff, order) + staircase, cutoff)
+
+
 def filtered(
     self: Record, names: str | Iterable[str] | None = None, *, cutoff: float | None = None, order: int = 4
 ) -> Record:
@@ -118,7 +127,8 @@ def filtered(
     cutoff : float or None, default None
         Frequency [Hz] at which the filter has fallen by 3 dB, below half the sampling frequency. By default it is
         chosen for each signal from its spectrum, so that the expected error (motion lost and noise kept) is
-        least; a signal whose spectrum shows no noise stays as it is.
+        least, and a signal that jumps is filtered between its jumps; one whose spectrum shows no noise stays as
+        it is.
     order : int, default 4
         Order of the Butterworth filter, which runs forwards and backwards; from 1 to 12.
 
@@ -137,11 +147,14 @@ def filtered(
     refuse_not_finite(self, wanted, "filtering")
     signals, notes = dict(self.signals), []
     for name in wanted:
-        chosen = cutoff or choose_cutoff(self[name], self.step, order)
+        x = self[name]
+        smooth, chosen = smoothed(x, self.step, order)
+        if cutoff is not None:
+            smooth, chosen = low_pass(x, self.step, cutoff, order), cutoff
         if chosen is None:
             notes.append(f"{name} was not filtered: no noise stands out from its motion in the spectrum.")
             continue
-        signals[name] = low_pass(self[name], self.step, chosen, order)
+        signals[name] = smooth
         gone = _rms_text(self[name] - signals[name], self.unit(name))
         notes.append(f"{name} was filtered with zero phase, {_cutoff_text(chosen, cutoff)}; {gone} was removed.")
     return self._changed(*notes, signals=signals)

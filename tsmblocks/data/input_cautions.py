@@ -10,7 +10,7 @@ from tsmblocks.common.arguments import as_list
 from tsmblocks.common.interpolation import is_held
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.data.fast_noise import sample_to_sample_noise
-from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass
+from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, smoothed
 from tsmblocks.data.noise_floor import is_coarse, with_unit
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
@@ -75,10 +75,10 @@ def cautions(record: Record, inputs: str | Iterable[str] | None = None) -> tuple
 def _long_path(record: Record, name: str) -> str:
     """The caution where noise or steps lengthen the path of a signal."""
     x = record[name]
-    cutoff = choose_cutoff(x, record.step) if len(x) >= MIN_FILTERED_SAMPLES else None
+    made, cutoff = smoothed(x, record.step) if len(x) >= MIN_FILTERED_SAMPLES else (x, None)
     if cutoff is None:
         return ""
-    path, smooth = np.abs(np.diff(x)).sum(), np.abs(np.diff(low_pass(x, record.step, cutoff))).sum()
+    path, smooth = np.abs(np.diff(x)).sum(), np.abs(np.diff(made)).sum()
     if path <= (1 + MAX_ADDED_PATH) * smooth:
         return ""
     quantum = quantum_of(x)

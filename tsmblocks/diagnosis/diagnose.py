@@ -26,6 +26,7 @@ from tsmblocks.diagnosis.commands import OtherCommands, delays_if_held
 from tsmblocks.diagnosis.credibility import notes_on_moved
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
+from tsmblocks.diagnosis.effects_or_noise import beside_inputs, without_effects_of_noise
 from tsmblocks.diagnosis.evidence import Evidence, evidence
 from tsmblocks.diagnosis.exchange import exchange_effects
 from tsmblocks.diagnosis.exchangeable import exchange_notes
@@ -260,7 +261,7 @@ def _diagnosed(ready: Prepared, progress: ProgressCallback) -> tuple[DiagnosedPa
     search, interrupted, omitted, notes = _context(ready, predicted, progress), False, list[Omission](), list[str]()
     try:
         forward_search(ready.base, {}, search, rounds)
-        rounds, notes, omitted = _revised(rounds, search)
+        rounds, notes, omitted = _revised(rounds, search, ready)
         rounds, final, more, gone = _at_fine_step(rounds, search)
         count, notes, omitted = accepted_count(rounds, search), [*notes, *more], [*omitted, *gone]
     except OtherCommands as shown:
@@ -312,6 +313,7 @@ def _judged(
         filtered=ready.filtered,
         correlated_noise=correlated_noise(last, factor),
         input_factor=factor,
+        beside_inputs=None if interrupted else beside_inputs(last, ready.errors_of_inputs),
     )
     noise = search.noise_variance if count and not interrupted else 0.0
     own = _notes_on(last, part.diagram, noise, judged.corners)
@@ -328,17 +330,20 @@ def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -
     """What all rounds of the search for effects in a part share."""
     request, inputs = ready.request, ready.part.diagram.inputs
     noise = noise_level(ready.floors, ready.input_noise.left, predicted.rest)
-    removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered)
+    removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered, ready.noises)
     blocks, line = time_blocks(ready.base.problem), only_frequency(ready.records, tuple(inputs))
     data = ready.records, ready.settings, request.effects
     return SearchContext(*data, blocks, noise, progress, line, removed, ready.check, ready.check_named)
 
 
-def _revised(rounds: list[SearchRound], search: SearchContext) -> tuple[list[SearchRound], list[str], list[Omission]]:
+def _revised(
+    rounds: list[SearchRound], search: SearchContext, ready: Prepared
+) -> tuple[list[SearchRound], list[str], list[Omission]]:
     """The rounds with effects that hold beside all the others, notes on them, and the effects that were left out."""
     rounds, undetermined = without_undetermined(exchange_effects(rounds, search), search)
     rounds, notes, recurring = without_recurring_events(rounds, search)
-    return rounds, notes, [*undetermined, *recurring]
+    rounds, from_inputs = without_effects_of_noise(rounds, search, ready.errors_of_inputs)
+    return rounds, notes, [*undetermined, *recurring, *from_inputs]
 
 
 def _at_fine_step(

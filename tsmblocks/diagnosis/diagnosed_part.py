@@ -14,6 +14,7 @@ from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import mean_loss
 from tsmblocks.diagnosis.evidence import MIN_PREDICTED_EXCESS, Evidence, is_material
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
+from tsmblocks.diagnosis.input_spectrum import Likelihood
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.noise_floor import NoiseFloors
 from tsmblocks.diagnosis.outliers import share_of_outliers
@@ -71,6 +72,8 @@ class DiagnosedPart:
     """Mean square by output [noise variances] of errors that noise of the inputs causes and that are whitened."""
     input_factor: float = 1.0
     """The share of the noise of the inputs that is taken for possible which is likely beside the last model."""
+    beside_inputs: Likelihood | None = None
+    """What noise of the inputs explains of the final model's residual; None where no input is seen to be noisy."""
 
     def with_input_noise(self, output: str, variance: float) -> float:
         """Rms noise of an output in its unit, of a variance [noise variances] and the errors that are whitened."""
@@ -114,7 +117,13 @@ class DiagnosedPart:
         """Whether the last model leaves more than noise and outliers may be, and no function of what was recorded."""
         loss = (1 - share_of_outliers([self.final.r[rows] for rows in self.final.problem.segments])) * self.losses[-1]
         large = loss > (1 + UNKNOWN_EXCESS) * self.largest_noise or self.varies
-        return large and not self.leaves_predictable
+        return large and not self.leaves_predictable and not (self.is_noise_of_inputs and not self.varies)
+
+    @property
+    def is_noise_of_inputs(self) -> bool:
+        """Whether noise of the inputs may be the cause of what the last model leaves above the noise of the outputs."""
+        one = self.beside_inputs
+        return one is not None and one.square <= 1 + UNKNOWN_EXCESS
 
     @property
     def leaves_unexamined(self) -> bool:

@@ -16,8 +16,9 @@ from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.data import Record
 from tsmblocks.data.conditioning import conditioned
 from tsmblocks.data.fast_noise import sample_to_sample_noise
-from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, choose_cutoff, low_pass, white_noise_power
+from tsmblocks.data.filters import MIN_FILTERED_SAMPLES, smoothed, white_noise_power
 from tsmblocks.data.resampling import evenly_sampled
+from tsmblocks.diagnosis.input_spectrum import Errors, ErrorsByInput
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, nearest, optimized, whitened_problem
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.fitting.experiments import Experiment
@@ -32,6 +33,9 @@ MOST_NODES = 5000
 run time; each takes a simulation of its experiment."""
 MOST_VALUES = 20_000_000
 """Values of the changes of the outputs by these errors, at most, unless recordings are very long. Chosen: 160 MB."""
+FEW_NODES = 200
+"""The same where the spectrum of the noise is estimated. Chosen: with twice as many, the logarithm of the likelihood of
+recordings of 4000 samples differs by one in a hundred."""
 FEWEST_NODES = 16
 """Such instants of each input of an experiment, at least. Chosen: an integrating plant answers to the slowest errors
 most."""
@@ -96,9 +100,11 @@ def input_noise(model: Model, noises: NoiseByInput, seed: int) -> InputNoise:
     if propagated < MIN_PROPAGATED:
         return InputNoise(propagated, propagated)
     found = dict[str, Whitening]()
+    most = min(MOST_NODES // len(model.setup.experiments), MOST_VALUES // model.problem.samples)
     for e, experiment in enumerate(model.setup.experiments):
-        causes = _causes(model, e, noises.get(experiment_of(experiment.name), {}))
-        if causes is not None and (whitening := Whitening.of(causes)) is not None:
+        own = errors_of_inputs(model, e, noises.get(experiment_of(experiment.name), {}), most)
+        causes = [one.causes for one in own.values()]
+        if causes and (whitening := Whitening.of(np.concatenate(causes, axis=1))) is not None:
             found[experiment.name] = whitening
     expected = sum(float(np.sum(one.sizes**2 / (1 + one.sizes**2))) for one in found.values())
     left = float(np.sum(whitened_problem(model.problem, model.setup, found).whitened(change) ** 2)) - expected
@@ -156,10 +162,11 @@ def _noise_of(record: Record, name: str) -> NoiseOfInput | None:
     x, step = record[name], record.step
     if len(x) < MIN_FILTERED_SAMPLES or not np.ptp(x) > 0 or is_held(x):
         return None
-    if (cutoff := choose_cutoff(x, step)) is None:
+    smooth, cutoff = smoothed(x, step)
+    if cutoff is None:
         rms = sample_to_sample_noise(record.t, x).floor
         return NoiseOfInput(rms) if 0 < rms <= MAX_UNFILTERED * np.std(x) else None
-    removed = x - low_pass(x, step, cutoff)
+    removed = x - smooth
     power = _power(removed)
     frequency = np.fft.rfftfreq(len(removed), step)
     near = power[(frequency >= BAND[0] * cutoff) & (frequency <= BAND[1] * cutoff)]
@@ -167,26 +174,38 @@ def _noise_of(record: Record, name: str) -> NoiseOfInput | None:
     return NoiseOfInput(float(np.sqrt(variance)), cutoff) if variance > 0 else None
 
 
-def _causes(model: Model, e: int, noises: Mapping[str, NoiseOfInput]) -> np.ndarray | None:
-    """Changes of the weighted outputs (rows, k) by independent errors of the inputs, each of one standard deviation.
+def errors_of_noise(model: Model, noises: NoiseByInput) -> dict[int, ErrorsByInput]:
+    """What errors of noisy inputs change in the outputs of a model, by number of the experiment."""
+    experiments = model.setup.experiments
+    most = FEW_NODES // len(experiments)
+    found = {
+        e: errors_of_inputs(model, e, noises.get(experiment_of(one.name), {}), most)
+        for e, one in enumerate(experiments)
+    }
+    return {e: one for e, one in found.items() if one}
 
-    White noise below the cut-off of a filter is a sum of triangles, a quarter of its period apart. None where there is
-    no noise.
+
+def errors_of_inputs(model: Model, e: int, noises: Mapping[str, NoiseOfInput], most: int) -> dict[str, Errors]:
+    """Independent errors of the inputs of one experiment, each of one standard deviation, ``most`` in all.
+
+    White noise below the cut-off of a filter is a sum of triangles, a quarter of its period apart.
     """
-    experiment, columns = model.setup.experiments[e], list[np.ndarray]()
+    experiment, found = model.setup.experiments[e], dict[str, Errors]()
     record, p = experiment.record, model.problem.unknowns.parameters(model.theta, e)
     clean = experiment.outputs(p)
-    most = min(MOST_NODES // len(model.setup.experiments), MOST_VALUES // model.problem.samples)
     most = max(most // max(len(noises), 1), FEWEST_NODES)
     for name, one in noises.items():
         distance = max(0.25 / (one.cutoff * record.step) if one.cutoff else 1.0, len(record) / most, 1.0)
+        columns = list[np.ndarray]()
         for middle in np.arange(0.0, len(record) - 1 + distance, distance):
             checkpoint()
             triangle = np.maximum(1 - np.abs(np.arange(len(record)) - middle) / distance, 0.0)
             error = one.rms / np.sqrt(distance) * triangle
             moved = attrs.evolve(record, signals={**record.signals, name: record[name] + error})
             columns.append(_weighted(model.setup.prepared(e, record=moved).outputs(p) - clean, model, experiment))
-    return np.stack(columns, axis=1) if columns else None
+        share = one.rms**2 / max(float(np.var(record[name])), 1e-300)
+        found[name] = Errors(np.stack(columns, axis=1), distance * record.step, share, record.step, one.cutoff)
+    return found
 
 
 def _weighted(change: np.ndarray, model: Model, experiment: Experiment) -> np.ndarray:
@@ -223,10 +242,20 @@ def _change(model: Model, noises: NoiseByInput, seed: int) -> np.ndarray:
 
 
 def input_noise_rms(
-    diagram: Diagram, clean: Mapping[str, Record], raw: Mapping[str, Record], inputs: Iterable[str]
+    diagram: Diagram,
+    clean: Mapping[str, Record],
+    raw: Mapping[str, Record],
+    inputs: Iterable[str],
+    noises: NoiseByInput,
 ) -> dict[str, float]:
-    """Rms of the white noise that was filtered out of each input, in its unit in the diagram, the largest of all."""
+    """Rms of the white noise that was filtered out of each input, in its unit in the diagram, the largest of all.
+
+    Of an input that was not filtered it is the noise that is in it.
+    """
     result = dict.fromkeys(inputs, 0.0)
+    for name, own in noises.items():
+        for key in (k for k, one in own.items() if k in result and one.cutoff is None):
+            result[key] = max(result[key], own[key].rms * raw[name].factor(key, diagram.unit(key)))
     for name, record in clean.items():
         before = evenly_sampled(raw[name])
         for key in (k for k in result if k in record and len(before) == len(record)):

@@ -10,6 +10,7 @@ from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.insertion_points import is_speed
 from tsmblocks.diagnosis.limits import NO_PLACE, NOT_EXCITED
+from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.segment import Gap, Segment
 from tsmblocks.diagnosis.shift_in_time import COEFFICIENT, SHIFT_IN_TIME
 from tsmblocks.diagnosis.verdict_text import percent, slow_noise
@@ -51,7 +52,8 @@ def next_steps(segment: Segment) -> list[str]:
     )
     alone = [] if segment.verdict == "named" and segment.complete else _odd_experiments(segment)
     if segment.verdict == "none":
-        steps = [repeat, *([] if given else [floor]), *_integrate_a_speed(segment)]
+        noise = _noise_of_inputs(segment) or ([] if given else [floor])
+        steps = [repeat, *noise, *_integrate_a_speed(segment)]
         return [*alone, *(steps if slow_noise(segment) else [])]
     if segment.complete:
         return []
@@ -71,6 +73,15 @@ def next_steps(segment: Segment) -> list[str]:
         *([SHOW_SHAPE] if segment.where else []),
         *([repeat, RECORD_CAUSES] if segment.predictable[-1] < MAINLY_PREDICTED else []),
         "Add an effect of your own to the catalogue (tsmblocks.effects.Effect), if its shape suggests one.",
+    ]
+
+
+def _noise_of_inputs(segment: Segment) -> list[str]:
+    """What separates noise of the inputs from a model error; nothing where no input is noisy."""
+    return [
+        f"Measure the noise of {one.input}, at rest or with a second sensor: if it is less than "
+        f"{in_display_units(one.rms, one.unit)} rms, the model lacks an effect."
+        for one in segment.noise_of_inputs
     ]
 
 

@@ -98,6 +98,7 @@ def _segment(s: Segment) -> dict[str, Any]:
         "predictable": {"before": s.predictable[0], "after": s.predictable[1]},
         "largest_noise": s.largest_noise,
         "filtered": s.filtered,
+        "noise_of_inputs": {one.input: attrs.asdict(one) for one in s.noise_of_inputs},
         "excess": s.excess,
         "sentence": s.sentence,
         "effects": [e.name for e in s.effects],

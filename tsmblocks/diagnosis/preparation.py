@@ -25,7 +25,8 @@ from tsmblocks.diagnosis.commands import (
 )
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
-from tsmblocks.diagnosis.input_noise import InputNoise, input_noise, noise_by_input
+from tsmblocks.diagnosis.input_noise import InputNoise, NoiseByInput, errors_of_noise, input_noise, noise_by_input
+from tsmblocks.diagnosis.input_spectrum import ErrorsByInput
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
 from tsmblocks.diagnosis.noise_at_rest import without_motion_at_rest
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, fast_noise_of_residuals, lowered_noise_floors, noise_floors
@@ -73,7 +74,7 @@ class Prepared:
     ``raw`` are the ``records`` before noise of the inputs in ``filtered`` was removed, both in pieces where the
     simulation restarts. ``commands`` are the inputs that the outputs showed to be commands; no more of them are looked
     for where they are ``settled``. ``input_noise`` is what noise of the inputs adds to the outputs;
-    where residuals are whitened beside it, ``plain`` is the same without.
+    where residuals are whitened beside it, ``plain`` is the same without. ``noises`` is that noise by recording.
     """
 
     part: Part
@@ -87,8 +88,14 @@ class Prepared:
     commands: Commands
     notes: tuple[str, ...]
     input_noise: InputNoise
+    noises: NoiseByInput
     plain: Prepared | None = None
     settled: bool = False
+
+    @functools.cached_property
+    def errors_of_inputs(self) -> dict[int, ErrorsByInput]:
+        """What errors of noisy inputs change in the outputs of the base, by number of the experiment."""
+        return errors_of_noise(self.base, self.noises)
 
     def check(self, model: Model) -> None:
         """Raise OtherCommands where a model shows inputs to be commands, beyond those that are known.
@@ -182,7 +189,9 @@ def _with_commands(part: Part, request: Request, progress: ProgressCallback, com
     noisy = noise_by_input(request.records, set(part.diagram.inputs) - exact, filtered=request.condition)
     noise = input_noise(base, noisy, settings.seed)
     without = InputNoise(noise.propagated, noise.propagated)
-    plain = Prepared(part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes), without)
+    plain = Prepared(
+        part, request, records, raw, settings, floors, base, filtered, commands, tuple(notes), without, noisy
+    )
     if not noise.whitening:
         return plain
     noise = noise.scaled_to(noise.whitened_base(base))

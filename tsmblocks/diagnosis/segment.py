@@ -140,6 +140,16 @@ class Gap:
 
 
 @attrs.frozen
+class InputNoiseRms:
+    """Noise of an input that would cause what a model leaves: its rms [unit], and that over the input's deviation."""
+
+    input: str
+    rms: float
+    unit: str
+    share: float
+
+
+@attrs.frozen
 class ResidualCoordinate:
     """A coordinate of the motion, and the share of the excess that it predicts on held-out blocks."""
 
@@ -217,7 +227,8 @@ class Segment:
     what was recorded, ``stopped`` True where the search was stopped before that was examined; ``varies_with`` is the
     coordinate to which it is proportional by a factor that varies, if it is.
     ``largest_noise`` is the largest rms noise of each output that is plausible; ``filtered`` are the inputs out of
-    which noise was filtered. ``augmented`` is the diagram of the last model, ``simulated`` how it was simulated;
+    which noise was filtered, ``noise_of_inputs`` is the noise of inputs that may cause what the last model leaves.
+    ``augmented`` is the diagram of the last model, ``simulated`` how it was simulated;
     ``in_doubt`` are its parameters that compensate for what is missing, with fitted and given values;
     ``delays_if_held`` are the dead times that were named, with an input held that may be.
     """
@@ -244,6 +255,7 @@ class Segment:
     predictable: tuple[float, float] = (0.0, 0.0)
     largest_noise: Mapping[str, float] = attrs.field(factory=dict)
     filtered: tuple[str, ...] = ()
+    noise_of_inputs: tuple[InputNoiseRms, ...] = ()
     augmented: Diagram | None = attrs.field(default=None, repr=False)
     simulated: Simulated | None = attrs.field(default=None, repr=False)
     in_doubt: tuple[str, ...] = ()

@@ -21,7 +21,7 @@ from tsmblocks.diagnosis.ranking import ranking
 from tsmblocks.diagnosis.refinement import as_fit
 from tsmblocks.diagnosis.rejection import alternatives_to, why_named
 from tsmblocks.diagnosis.residual_location import coordinates, explainable_share, residual_coordinates
-from tsmblocks.diagnosis.segment import Gap, NamedEffect, Segment, Trace
+from tsmblocks.diagnosis.segment import Gap, InputNoiseRms, NamedEffect, Segment, Trace
 from tsmblocks.diagnosis.settings import FloorParts
 from tsmblocks.diagnosis.time_and_distance import second_frequency
 from tsmblocks.diagnosis.verdict_text import verdict_sentence
@@ -71,6 +71,7 @@ def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment
         predictable=_predictable(diagnosed),
         largest_noise={k: diagnosed.with_input_noise(k, diagnosed.largest_noise) for k in diagnosed.floors.sigma},
         filtered=tuple(name for name, rms in diagnosed.search.input_noise.items() if rms > 0),
+        noise_of_inputs=_noise_of_inputs(diagnosed),
         in_doubt=diagnosed.in_doubt,
         delays_if_held=diagnosed.delays_if_held,
     )
@@ -81,6 +82,17 @@ def _predictable(diagnosed: DiagnosedPart) -> tuple[float, float]:
     """Shares of the residual of the base, and of the last model, that are predicted."""
     before, after = (max(one.share, diagnosed.rejected_share, 0.0) for one in (diagnosed.predicted, diagnosed.left))
     return before, after
+
+
+def _noise_of_inputs(diagnosed: DiagnosedPart) -> tuple[InputNoiseRms, ...]:
+    """The noise of inputs that may cause what the last model leaves, in the units of the recordings."""
+    beside = diagnosed.beside_inputs
+    if beside is None or not diagnosed.is_noise_of_inputs:
+        return ()
+    records = list(diagnosed.search.records.values())
+    spreads = {k: max(float(np.std(one[k])) for one in records if k in one) for k in beside.noise}
+    units = {k: next(one.unit(k) for one in records if k in one) for k in beside.noise}
+    return tuple(InputNoiseRms(k, share * spreads[k], units[k], share) for k, share in beside.noise.items())
 
 
 def _held_out(diagnosed: DiagnosedPart) -> list[np.ndarray]:

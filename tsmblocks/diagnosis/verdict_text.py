@@ -195,11 +195,25 @@ def slow_noise(segment: Segment) -> str:
     gap = worst_gap(segment)
     if gap.given or not gap.rest > REMAINING_ERROR_RATIO * gap.judged_floor > 0:
         return ""
+    ratio = to_digits(gap.rest / gap.judged_floor)
+    if cause := _cause_at_inputs(segment):
+        return f" {_that(gap)} {ratio} times the noise floor ({floor_text(gap)}): {cause}."
     return (
-        f" {_that(gap)} {to_digits(gap.rest / gap.judged_floor)} times the noise floor ({floor_text(gap)}), but "
+        f" {_that(gap)} {ratio} times the noise floor ({floor_text(gap)}), but "
         f"{UNPREDICTED} on held-out data: slow noise of that size and a model error of a form that was not tried are "
         "indistinguishable."
     )
+
+
+def _cause_at_inputs(segment: Segment) -> str:
+    """Noise of the inputs that may be the cause of what is left; empty for none."""
+    noise = [
+        f"{in_display_units(one.rms, one.unit)} rms in {one.input} ({percent(one.share) or '0 %'} of its deviation)"
+        for one in segment.noise_of_inputs
+    ]
+    if not noise:
+        return ""
+    return f"noise of {listed(noise, 3)} would cause as much. A model error of a form that was not tried might as well"
 
 
 def _implausible_floor(segment: Segment) -> str:
@@ -251,7 +265,8 @@ def _reduction(segment: Segment) -> str:
         by = f", by {percent(share)} of the variance above the noise floor" if above else ""
         return f"{falls} (noise floor {floor}){by}.{others}"
     if segment.complete:
-        return f"{falls}. {_noise_that_remains(gap)}{others}"  # a share of what is above the floor would contradict it
+        # A share of what is above the floor would contradict it.
+        return f"{falls}. {_noise_that_remains(gap, segment)}{others}"
     by = f", by {percent(share)} of the variance above the noise floor" if share < ALL_SHARE else ""
     return f"{falls} (noise floor {floor}){by}. {_remaining(segment, gap)}{others}"
 
@@ -292,13 +307,15 @@ def _error_of(gap: Gap) -> str:
     return f"error of {gap.output} on held-out data{BESIDE if gap.whitened else ''}"
 
 
-def _noise_that_remains(gap: Gap) -> str:
+def _noise_that_remains(gap: Gap, segment: Segment) -> str:
     """Why a model is complete that leaves more than the noise floor."""
     k, unit = display_unit(gap.unit)
     floor = f"{digits(k * gap.judged_floor)} {unit}".rstrip()
     if within := _outliers(gap):
         return within.lstrip()
     ratio = gap.rest / gap.judged_floor
+    if cause := _cause_at_inputs(segment):
+        return f"{_that(gap)} {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}): {cause}."
     return (
         f"{_that(gap)} {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}), but {UNPREDICTED} on "
         "held-out data: it is slow noise, or a model error of a form that was not tried."
