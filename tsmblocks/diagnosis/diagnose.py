@@ -32,7 +32,7 @@ from tsmblocks.diagnosis.exchange import exchange_effects
 from tsmblocks.diagnosis.exchangeable import exchange_notes
 from tsmblocks.diagnosis.forward_selection import forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories
-from tsmblocks.diagnosis.input_noise import correlated_noise, factor_beside, input_noise_rms
+from tsmblocks.diagnosis.input_noise import correlated_noise, factor_beside, input_noise_rms, noise_left_in
 from tsmblocks.diagnosis.model import Model, ProgressCallback
 from tsmblocks.diagnosis.noise_floor import doubtful_floors, noise_level
 from tsmblocks.diagnosis.outliers import outlier_notes
@@ -330,10 +330,11 @@ def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -
     """What all rounds of the search for effects in a part share."""
     request, inputs = ready.request, ready.part.diagram.inputs
     noise = noise_level(ready.floors, ready.input_noise.left, predicted.rest)
-    removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered, ready.noises)
+    removed = input_noise_rms(ready.part.diagram, ready.records, ready.raw, ready.filtered)
+    kept = noise_left_in(ready.part.diagram, ready.raw, ready.noises)
     blocks, line = time_blocks(ready.base.problem), only_frequency(ready.records, tuple(inputs))
     data = ready.records, ready.settings, request.effects
-    return SearchContext(*data, blocks, noise, progress, line, removed, ready.check, ready.check_named)
+    return SearchContext(*data, blocks, noise, progress, line, removed, kept, ready.check, ready.check_named)
 
 
 def _revised(

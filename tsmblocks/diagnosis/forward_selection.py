@@ -125,7 +125,7 @@ def _why_untenable(
         yield "it comes back with the motion"
     if repeats_another(fitted, candidate):
         yield "the same oscillation again"
-    if filters_noise(fitted, candidate, search.input_noise):
+    if filters_noise(fitted, candidate, {**search.input_noise, **search.noise_left}):
         yield "removes noise of the input only"
     if is_shift_in_time(fitted, candidate):
         yield SHIFT_IN_TIME

@@ -33,9 +33,8 @@ MOST_NODES = 5000
 run time; each takes a simulation of its experiment."""
 MOST_VALUES = 20_000_000
 """Values of the changes of the outputs by these errors, at most, unless recordings are very long. Chosen: 160 MB."""
-FEW_NODES = 200
-"""The same where the spectrum of the noise is estimated. Chosen: with twice as many, the logarithm of the likelihood of
-recordings of 4000 samples differs by one in a hundred."""
+FEW_NODES = 600
+"""The same where the spectrum of the noise is estimated. Chosen: for the run time."""
 FEWEST_NODES = 16
 """Such instants of each input of an experiment, at least. Chosen: an integrating plant answers to the slowest errors
 most."""
@@ -242,26 +241,26 @@ def _change(model: Model, noises: NoiseByInput, seed: int) -> np.ndarray:
 
 
 def input_noise_rms(
-    diagram: Diagram,
-    clean: Mapping[str, Record],
-    raw: Mapping[str, Record],
-    inputs: Iterable[str],
-    noises: NoiseByInput,
+    diagram: Diagram, clean: Mapping[str, Record], raw: Mapping[str, Record], inputs: Iterable[str]
 ) -> dict[str, float]:
-    """Rms of the white noise that was filtered out of each input, in its unit in the diagram, the largest of all.
-
-    Of an input that was not filtered it is the noise that is in it.
-    """
+    """Rms of the white noise that was filtered out of each input, in its unit in the diagram, the largest of all."""
     result = dict.fromkeys(inputs, 0.0)
-    for name, own in noises.items():
-        for key in (k for k, one in own.items() if k in result and one.cutoff is None):
-            result[key] = max(result[key], own[key].rms * raw[name].factor(key, diagram.unit(key)))
     for name, record in clean.items():
         before = evenly_sampled(raw[name])
         for key in (k for k in result if k in record and len(before) == len(record)):
             unit = diagram.unit(key)
             removed = before.values(key, unit) - record.values(key, unit)
             result[key] = max(result[key], float(np.sqrt(_white(_power(removed)))))
+    return result
+
+
+def noise_left_in(diagram: Diagram, records: Mapping[str, Record], noises: NoiseByInput) -> dict[str, float]:
+    """Rms noise of each input that no filter takes out of it, in its unit in the diagram, the largest of all."""
+    result = dict[str, float]()
+    for key, one in (pair for own in noises.values() for pair in own.items()):
+        if one.cutoff is None:
+            factor = next(record for record in records.values() if key in record).factor(key, diagram.unit(key))
+            result[key] = max(result.get(key, 0.0), one.rms * factor)
     return result
 
 

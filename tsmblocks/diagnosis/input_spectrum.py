@@ -6,7 +6,7 @@ stronger below the cut-off than above, and an effect that is not there may follo
 
 from __future__ import annotations
 
-import itertools
+import math
 from collections.abc import Mapping, Sequence
 
 import attrs
@@ -14,21 +14,23 @@ import numpy as np
 
 from tsmblocks.diagnosis.model import Model
 
-BANDS_PER_DECADE = 3
-"""Bands of the noise of an input in a factor of ten of the frequency. Chosen: noise has a broad spectrum."""
-MOST_BANDS = 8
-"""Such bands at most. Chosen: one recording does not determine more."""
+CORNERS_PER_DECADE = 2
+"""Corner frequencies of the noise of an input in a factor of ten. Chosen: a sum of such spectra is any that falls."""
+MOST_CORNERS = 7
+"""Such corners at most. Chosen: one recording does not determine more."""
 LOWEST = 0.5
-"""Lowest frequency of noise [1 / duration]. Chosen: slower noise is an offset."""
-STEEPEST = 2.0
-"""Fall of the power of noise with the frequency [power of it] at most, from what is visible. Derived: a random walk."""
+"""Lowest corner frequency [1 / duration]. Chosen: slower noise is an offset."""
+HIGHEST = 0.25
+"""Highest corner frequency [1 / distance of the errors]. Chosen: noise with a higher one is white at that distance."""
 MARGIN = 4.0
-"""Power of the noise over that, at most. Chosen."""
-MOST_NOISE = 0.05
-"""Deviation of the noise of an input in a band, over that of the input, at most. Chosen: a sensor with more noise is
+"""Power of the noise at the cut-off of a filter, over that of the noise above, at most. Chosen."""
+LEAST_POWER = 0.25
+"""Power of white noise below the cut-off, over that, at least. Chosen: noise does not end where a filter begins."""
+MOST_NOISE = 0.1
+"""Deviation of one part of the noise of an input, over that of the input, at most. Chosen: a sensor with more noise is
 not used to identify a plant."""
-LEAST_POWER = 1e-6
-"""Power in a band [that of the visible noise] that is as good as none."""
+NEGLIGIBLE = 1e-3
+"""Variance along a direction [that of the outputs' noise] that is as good as none, at the largest power."""
 ITERATIONS = 60
 """Steps of the estimate of a spectrum. Chosen: the likelihood then changes by less than one."""
 
@@ -66,36 +68,74 @@ class Likelihood:
 
 
 @attrs.frozen
-class _Band:
-    """A band of the noise of an input, from ``low`` to ``high`` [Hz], with the largest power [visible power]."""
+class _Component:
+    """A part of the noise of an input: white noise, or noise that falls above a ``corner`` [Hz].
 
-    name: str
-    low: float
-    high: float
+    Its power at low frequencies is ``least`` to ``most`` times that of the visible noise; ``share`` is its variance at
+    that power over that of the input.
+    """
+
+    input: str
+    corner: float
+    least: float
     most: float
     share: float
+
+    def covariance(self, count: int, distance: float) -> np.ndarray:
+        """Covariance of so many errors at a distance [s], at the power of the visible noise, that of each is 1."""
+        from scipy.linalg import toeplitz
+
+        if not math.isfinite(self.corner):
+            return np.eye(count)
+        rate = 2 * math.pi * self.corner * distance
+        return toeplitz(rate / 2 * np.exp(-rate * np.arange(count)))
 
 
 @attrs.frozen(eq=False)
 class _Part:
-    """One experiment: products of the causes with themselves, with the residual and with its derivatives.
+    """One experiment, along orthonormal directions (k,) that the noise of its inputs moves the outputs in.
 
-    ``unknowns`` are the unknowns of the derivatives, ``bands`` the number of a band, the causes it is about, and their
-    covariance at the power of the visible noise.
+    ``residual`` (k,) and ``slopes`` (k, n) are the residual and its derivatives by ``unknowns`` along these,
+    ``covariances`` (k, k) what each part of the noise adds at the power of the visible noise.
     """
 
-    gram: np.ndarray
-    moment: np.ndarray
+    residual: np.ndarray
     slopes: np.ndarray
     unknowns: np.ndarray
-    bands: Sequence[tuple[int, slice, np.ndarray]]
+    covariances: Mapping[int, np.ndarray]
 
     def covariance(self, power: np.ndarray) -> np.ndarray:
-        """Covariance of the errors with this power in each band."""
-        result = np.zeros_like(self.gram)
-        for k, own, band in self.bands:
-            result[own, own] += power[k] * band
+        """Covariance of the residual's components with this power of each part."""
+        result = np.eye(len(self.residual))
+        for k, own in self.covariances.items():
+            result += power[k] * own
         return result
+
+    def moved(self, move: np.ndarray) -> np.ndarray:
+        """The components of the residual where the unknowns have moved."""
+        return self.residual + self.slopes @ move[self.unknowns]
+
+
+@attrs.frozen(eq=False)
+class _Sums:
+    """All experiments: of the whole residual, the normal matrix (n, n) of the unknowns, the gradient ``slope`` (n,),
+    the sum of squares and the number of samples; ``parts`` are along directions of noise.
+    """
+
+    parts: Sequence[_Part]
+    normal: np.ndarray
+    slope: np.ndarray
+    square: float
+    count: int
+
+    def left(self, power: np.ndarray, move: np.ndarray) -> tuple[float, float]:
+        """The sum of squares that is left beside noise, and the logarithm of the determinant of the covariance."""
+        square, logarithm = self.square + float(2 * self.slope @ move + move @ self.normal @ move), 0.0
+        for part in self.parts:
+            covariance, residual = part.covariance(power), part.moved(move)
+            square -= float(residual @ (residual - np.linalg.solve(covariance, residual)))
+            logarithm += float(np.linalg.slogdet(covariance)[1])
+        return square, logarithm
 
 
 def likelihood(model: Model, errors: Mapping[int, ErrorsByInput]) -> Likelihood:
@@ -105,98 +145,58 @@ def likelihood(model: Model, errors: Mapping[int, ErrorsByInput]) -> Likelihood:
     far as the outputs are linear in them.
     Source: Zhou, Hu, Zhou and Lange, MM algorithms for variance components models, J. Comput. Graph. Stat. 28 (2019).
     """
-    bands = _bands(errors)
-    parts, normal, slope = _products(model, errors, bands)
-    most = np.array([band.most for band in bands])
-    power, move = np.minimum(1.0, most), np.zeros(len(slope))
+    components = _components(errors)
+    sums, most = _sums(model, errors, components), np.array([one.most for one in components])
+    least = np.array([one.least for one in components])
+    power, move = np.minimum(1.0, most), np.zeros(len(model.theta))
     for _ in range(ITERATIONS):
-        gain, loss = np.zeros(len(bands)), np.full(len(bands), 1e-300)
-        for part in parts:
-            moment = part.moment + part.slopes @ move[part.unknowns]
-            solved = _solved(part, power, np.column_stack([moment, part.gram]))
-            for k, own, band in part.bands:
-                gain[k] += solved[own, 0] @ band @ solved[own, 0]
-                loss[k] += float(np.sum(solved[own, 1:][:, own] * band))
-        power = _falling(np.clip(power * np.sqrt(gain / loss), LEAST_POWER, most), bands)
-        move = _moved(parts, power, normal, slope)
-    return _result(model, parts, bands, power, move, normal, slope)
+        gain, loss = np.zeros(len(components)), np.full(len(components), 1e-300)
+        normal, slope = sums.normal.copy(), sums.slope.copy()
+        for part in sums.parts:
+            inverse = np.linalg.inv(part.covariance(power))
+            solved = inverse @ part.moved(move)
+            for k, own in part.covariances.items():
+                gain[k] += solved @ own @ solved
+                loss[k] += float(np.sum(inverse * own))
+            taken = part.slopes - inverse @ part.slopes
+            slope[part.unknowns] -= taken.T @ part.residual
+            normal[np.ix_(part.unknowns, part.unknowns)] -= taken.T @ part.slopes
+        power = np.clip(power * np.sqrt(gain / loss), least, most)
+        move = _least_squares(normal, slope)
+    noise = dict[str, float]()
+    for one, value in zip(components, power, strict=True):
+        noise[one.input] = noise.get(one.input, 0.0) + value * one.share
+    square, logarithm = sums.left(power, move)
+    return Likelihood(square + logarithm, square / sums.count, {k: float(np.sqrt(v)) for k, v in noise.items()})
 
 
-def _falling(power: np.ndarray, bands: Sequence[_Band]) -> np.ndarray:
-    """The power of noise that falls no faster with the frequency than noise does."""
-    result = power.copy()
-    for k in range(len(bands) - 2, -1, -1):
-        if bands[k].name == bands[k + 1].name:
-            ratio = bands[k + 1].high / bands[k].high
-            result[k] = min(result[k], result[k + 1] * ratio**STEEPEST)
-    return result
-
-
-def _solved(part: _Part, power: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Products of the causes with values, as ``part.moment``, that become those with whitened values."""
-    return np.linalg.solve(np.eye(len(part.gram)) + part.gram @ part.covariance(power), values)
-
-
-def _moved(parts: Sequence[_Part], power: np.ndarray, normal: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """The move of the unknowns to the generalised least squares."""
-    normal, slope = normal.copy(), slope.copy()
-    for part in parts:
-        taken = (
-            part.slopes.T @ part.covariance(power) @ _solved(part, power, np.column_stack([part.moment, part.slopes]))
-        )
-        slope[part.unknowns] -= taken[:, 0]
-        normal[np.ix_(part.unknowns, part.unknowns)] -= taken[:, 1:]
+def _least_squares(normal: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """The move of the unknowns to the least squares."""
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     move: np.ndarray = -np.linalg.lstsq(normal / np.outer(size, size), slope / size, rcond=1e-9)[0] / size
     return move
 
 
-def _result(
-    model: Model,
-    parts: Sequence[_Part],
-    bands: Sequence[_Band],
-    power: np.ndarray,
-    move: np.ndarray,
-    normal: np.ndarray,
-    slope: np.ndarray,
-) -> Likelihood:
-    r = model.differences
-    square, logarithm = float(r @ r + 2 * slope @ move + move @ normal @ move), 0.0
-    for part in parts:
-        moment = part.moment + part.slopes @ move[part.unknowns]
-        covariance = part.covariance(power)
-        square -= float(moment @ covariance @ _solved(part, power, moment[:, None])[:, 0])
-        logarithm += float(np.linalg.slogdet(np.eye(len(part.gram)) + part.gram @ covariance)[1])
-    noise = dict[str, float]()
-    for band, one in zip(bands, power, strict=True):
-        noise[band.name] = noise.get(band.name, 0.0) + one * band.share
-    return Likelihood(square + logarithm, square / len(r), {k: float(np.sqrt(v)) for k, v in noise.items()})
-
-
-def _bands(errors: Mapping[int, ErrorsByInput]) -> list[_Band]:
-    """Bands of the noise of each input, the same in all experiments."""
-    found = list[_Band]()
+def _components(errors: Mapping[int, ErrorsByInput]) -> list[_Component]:
+    """The parts of the noise of each input, the same in all experiments."""
+    found = list[_Component]()
     every = [pair for one in errors.values() for pair in one.items()]
     for name in dict.fromkeys(name for name, _ in every):
         own = [one for key, one in every if key == name]
         low = min(LOWEST / (one.distance * one.causes.shape[1]) for one in own)
-        high = max(0.5 / one.distance for one in own)
-        count = int(np.clip(round(BANDS_PER_DECADE * np.log10(high / low)), 1, MOST_BANDS))
-        visible = max(one.share for one in own), own[0].step, min(one.cutoff or 0.5 / one.step for one in own)
-        found += [_band(name, a, b, *visible) for a, b in itertools.pairwise(np.geomspace(low, high, count + 1))]
+        high = max(min(HIGHEST / one.distance for one in own), low)
+        count = int(np.clip(1 + round(CORNERS_PER_DECADE * math.log10(high / low)), 1, MOST_CORNERS))
+        density, cutoff = max(one.share * one.step for one in own), min(one.cutoff or 0.5 / one.step for one in own)
+        found.append(_Component(name, math.inf, LEAST_POWER, MARGIN, 2 * density * cutoff))
+        for corner in np.geomspace(low, high, count):
+            share = math.pi * density * corner
+            most = min(MARGIN * (1 + (cutoff / corner) ** 2), MOST_NOISE**2 / share)
+            found.append(_Component(name, float(corner), 0.0, most, share))
     return found
 
 
-def _band(name: str, low: float, high: float, visible: float, step: float, cutoff: float) -> _Band:
-    share = visible * 2 * step * (high - low)
-    coloured = MARGIN * max(cutoff / np.sqrt(low * high), 1.0) ** STEEPEST
-    return _Band(name, low, high, min(coloured, MOST_NOISE**2 / share), share)
-
-
-def _products(
-    model: Model, errors: Mapping[int, ErrorsByInput], bands: Sequence[_Band]
-) -> tuple[list[_Part], np.ndarray, np.ndarray]:
-    """What the estimate needs of each experiment, the normal matrix of the unknowns, and the gradient."""
+def _sums(model: Model, errors: Mapping[int, ErrorsByInput], components: Sequence[_Component]) -> _Sums:
+    """What the estimate needs of all experiments."""
     rows, r, parts = model.problem.rows, model.differences, list[_Part]()
     normal, slope = np.zeros((len(model.theta),) * 2), np.zeros(len(model.theta))
     for e, block in enumerate(model.J.blocks()):
@@ -206,26 +206,23 @@ def _products(
         normal[np.ix_(block.columns, block.columns)] += J.T @ J
         slope[block.columns] += J.T @ r[rows[e]]
         if e in errors:
-            causes = np.concatenate([one.causes for one in errors[e].values()], axis=1)
-            moments = causes.T @ np.column_stack([r[rows[e]], J])
-            made = _covariances(errors[e], bands)
-            parts.append(_Part(causes.T @ causes, moments[:, 0], moments[:, 1:], block.columns, made))
-    return parts, normal, slope
+            parts.append(_part(errors[e], components, np.column_stack([r[rows[e]], J]), block.columns))
+    return _Sums(parts, normal, slope, float(r @ r), len(r))
 
 
-def _covariances(errors: ErrorsByInput, bands: Sequence[_Band]) -> list[tuple[int, slice, np.ndarray]]:
-    """The covariance of the errors of each input in each of its bands, at the power of the visible noise."""
-    from scipy.linalg import toeplitz
-
-    found, first = list[tuple[int, slice, np.ndarray]](), 0
+def _part(errors: ErrorsByInput, components: Sequence[_Component], values: np.ndarray, unknowns: np.ndarray) -> _Part:
+    """What the estimate needs of one experiment; ``values`` (rows, 1 + n) are its residuals and their derivatives."""
+    causes = np.concatenate([one.causes for one in errors.values()], axis=1)
+    squares, turn = np.linalg.eigh(causes.T @ causes)
+    kept = squares > max(NEGLIGIBLE / max(one.most for one in components), 1e-12 * squares[-1])
+    sizes, turn = np.sqrt(squares[kept]), turn[:, kept]
+    along = (turn / sizes).T @ (causes.T @ values)
+    covariances, first = dict[int, np.ndarray](), 0
     for name, one in errors.items():
         count = one.causes.shape[1]
-        lags = 2 * one.distance * np.arange(count)
-        for k, band in enumerate(bands):
-            if band.name == name:
-                values = (
-                    2 * one.distance * (band.high * np.sinc(band.high * lags) - band.low * np.sinc(band.low * lags))
-                )
-                found.append((k, slice(first, first + count), toeplitz(values)))
+        mine = turn[first : first + count] * sizes
+        for k, component in enumerate(components):
+            if component.input == name:
+                covariances[k] = mine.T @ component.covariance(count, one.distance) @ mine
         first += count
-    return found
+    return _Part(along[:, 0], along[:, 1:], unknowns, covariances)

@@ -59,8 +59,9 @@ class SearchContext:
 
     ``noise`` is how large the noise may be. ``progress(stage, done, of)`` is the progress callback. ``only_frequency``
     is the one frequency [Hz] of all recordings, None where there are several. ``input_noise`` is the rms noise that was
-    filtered out of each input. ``check`` raises OtherCommands where a model with effects shows inputs to be commands,
-    and ``check_named`` where a command explains as much as an effect that was named.
+    filtered out of each input, ``noise_left`` that of inputs out of which none was. ``check`` raises OtherCommands
+    where a model with effects shows inputs to be commands, and ``check_named`` where a command explains as much as an
+    effect that was named.
     """
 
     records: Mapping[str, Record]
@@ -71,6 +72,7 @@ class SearchContext:
     progress: ProgressCallback
     only_frequency: float | None = None
     input_noise: Mapping[str, float] = attrs.field(factory=dict)
+    noise_left: Mapping[str, float] = attrs.field(factory=dict)
     check: Callable[[Model], None] = lambda _: None
     check_named: Callable[[Model, FittedCandidate], None] = lambda *_: None
 
