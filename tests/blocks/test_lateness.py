@@ -110,6 +110,25 @@ def test_lag_of_a_sine_and_its_rate(T1):
     assert np.log2(r2 / r1) > 1.9
 
 
+@pytest.mark.parametrize("backend", ["casadi", "llvm"])
+def test_a_lag_may_start_away_from_its_input(backend):
+    """A recording does not begin in equilibrium: the error of the start decays with the lag's time constant."""
+    place = tsm.Diagram(blocks={"lag": Lag(time_constant=0.4, behind=-3.0)}, inputs={"u": "lag"}, outputs={"y": "lag"})
+    run = tsm.simulate(place, inputs={"u": (T, 2.0 + 0 * T)}, stop=1.5, step=H, backend=backend)
+    assert run["y"] == pytest.approx(2.0 - 3.0 * np.exp(-run.t / 0.4), abs=1e-12)
+
+
+def test_a_fit_finds_where_a_lag_starts():
+    """A heater that is switched on cold ended far from its parameters: the lag began in equilibrium."""
+    wanted = tsm.Diagram(blocks={"lag": Lag(time_constant=0.4, behind=-2.0)}, inputs={"u": "lag"}, outputs={"y": "lag"})
+    u = 2.0 + 0.3 * X
+    y = tsm.simulate(wanted, inputs={"u": (T, u)}, stop=T[-1], step=H, hold="linear")["y"]
+    data = tsm.Record("cold", T, {"u": u, "y": y}, {})
+    other = tsm.Diagram(blocks={"lag": Lag(time_constant=0.6)}, inputs={"u": "lag"}, outputs={"y": "lag"})
+    found = tsm.fit(other, data, step=H, hold="linear", start_states=True)
+    assert found["lag.time_constant"].value == pytest.approx(0.4, rel=1e-6)
+
+
 def test_lag_agrees_with_the_lag_that_has_a_state():
     blocks = dict(s=Sine(amplitude=1.0, frequency=0.5), ours=Lag(time_constant=0.1))
     d = tsm.Diagram(

@@ -237,7 +237,7 @@ REMEMBERING: list[Make] = [
         viscous=_some(r, 0, 0.5),
         v=_either(r, 0, 0.5),
     ),
-    lambda r: B.Lag(time_constant=r.choice((0.0, 0.003, 0.05, 0.4))),
+    lambda r: B.Lag(time_constant=r.choice((0.0, 0.003, 0.05, 0.4)), behind=_either(r, 0, 1)),
     lambda r: B.Relay(
         on=_some(r, 0, 0.5),
         off=-_some(r, 0.01, 0.5),

@@ -87,8 +87,10 @@ def _soft_rate_limit(b: Any, t: Any, x: Any, u: Any) -> Any:
 
 def _lag_behind(b: Any, t: Any, x: Any, u: Any) -> Any:
     """w of ``Lag``: the output less the input."""
-    if math.isnan(x.time) or b.time_constant == 0.0:
-        return 0.0
+    if math.isnan(x.time):
+        return x.behind
+    if b.time_constant == 0.0:
+        return x.behind if t == x.time else 0.0
     s, T, moved = t - x.time, b.time_constant, u.u - x.last
     if s <= 0:  # a is 1 there: the output does not follow a jump at once
         return x.behind - moved
@@ -133,7 +135,7 @@ law(
         "slope": _mean_rate,
         "length": lambda b, t, x, u: -1.0 if math.isnan(x.time) else t - x.time,
     },
-    start=lambda b: {"time": math.nan, "last": 0.0, "behind": 0.0, "slope": 0.0, "length": -1.0},
+    start=lambda b: {"time": math.nan, "last": 0.0, "behind": b.behind, "slope": 0.0, "length": -1.0},
     still=False,
 )
 
