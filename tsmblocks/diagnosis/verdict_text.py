@@ -206,7 +206,7 @@ def slow_noise(segment: Segment) -> str:
 
 
 def _cause_at_inputs(segment: Segment) -> str:
-    """Noise of the inputs that may be the cause of what is left; empty for none."""
+    """Noise of the inputs that may be the cause of the residual; empty for none."""
     noise = [
         f"{in_display_units(one.rms, one.unit)} rms in {one.input} ({percent(one.share) or '0 %'} of its deviation)"
         for one in segment.noise_of_inputs

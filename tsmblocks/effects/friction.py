@@ -6,7 +6,16 @@ import functools
 
 import attrs
 
-from tsmblocks.blocks import Abs, CoulombFriction, DahlFriction, Derivative, Gain, QuadraticDrag, StribeckFriction
+from tsmblocks.blocks import (
+    Abs,
+    CoulombFriction,
+    DahlFriction,
+    Derivative,
+    Gain,
+    QuadraticDrag,
+    StribeckFriction,
+    Sum,
+)
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import Size, in_proportion
 from tsmblocks.effects.trials import Scales, Span, Trials
@@ -85,6 +94,24 @@ def _presliding_trials(scales: Scales) -> Trials:
     )
 
 
+def _trials_of_both_directions(scales: Scales) -> Trials:
+    one = _dry_trials("friction.level.gain", "friction.sign.smoothing", (SMOOTHING_SHARE, SMOOTHING_SHARE / 5), scales)
+    return attrs.evolve(one, strengths={**one.strengths, "friction.difference.gain": FRICTION_SHARE * scales.wire.rms})
+
+
+TWO_LEVELS = Diagram(
+    title="dry friction with a level for each direction",
+    blocks={
+        "sign": CoulombFriction(level=1.0),
+        "level": Gain(gain=0.0),
+        "moving": Abs(),
+        "difference": Gain(gain=0.0),
+        "both": Sum(signs="++"),
+    },
+    wires=["sign -> level -> both.plus1", "sign -> moving -> difference -> both.plus2"],
+    inputs={"v": "sign"},
+    outputs={"force": "both"},
+)
 POSITION_EFFECTS = (
     Effect(
         "coulomb_friction",
@@ -151,6 +178,26 @@ POSITION_EFFECTS = (
         variant="dry",
         sizes=(in_proportion("difference between the directions", "difference.gain", factor=2.0),),
         sharp=("sign.smoothing",),
+    ),
+    Effect(
+        "asymmetric_friction",
+        "friction",
+        "dry friction that differs with the direction",
+        "load",
+        _resisting("asymmetric friction", {"friction": TWO_LEVELS}),
+        {"friction.level.gain": 0.0, "friction.difference.gain": 0.0},
+        ("friction.level.gain", "friction.difference.gain", "friction.sign.smoothing"),
+        _trials_of_both_directions,
+        excites="motion in both directions, with rests",
+        confused=("coulomb_friction", "load_offset", "drift"),
+        separates="a rest of the drive: an offset of the load pulls at rest, friction does not",
+        contains=("coulomb_friction",),
+        variant="dry, in both directions",
+        sizes=(
+            Size("friction forwards", lambda p, _: p["friction.level.gain"] + p["friction.difference.gain"]),
+            Size("friction backwards", lambda p, _: p["friction.level.gain"] - p["friction.difference.gain"]),
+        ),
+        sharp=("friction.sign.smoothing",),
     ),
     Effect(
         "stribeck_friction",
