@@ -56,7 +56,11 @@ def slide():
         "friction": tsm.blocks.ViscousFriction(coefficient=20.0),
         "spring": tsm.blocks.Gain(gain=350.0, unit="N"),
     }
-    wires = ["net -> acceleration -> speed -> place", "speed -> friction -> net.minus1", "place -> spring -> net.minus2"]
+    wires = [
+        "net -> acceleration -> speed -> place",
+        "speed -> friction -> net.minus1",
+        "place -> spring -> net.minus2",
+    ]
     return tsm.Diagram(
         blocks=blocks, wires=wires, inputs={"F": tsm.Inlet(["net.plus"], unit="N")}, outputs={"x": "place"}
     )

@@ -17,8 +17,8 @@ STAIRS = np.repeat(LEVELS, len(T) // len(LEVELS))
 SWEEP = np.sin(2 * np.pi * (0.1 + 0.05 * T) * T)
 
 
-def noise(size, seed=0, count=len(T)):
-    return size * np.random.default_rng(seed).standard_normal(count)
+def noise(size, seed=0, count=None):
+    return size * np.random.default_rng(seed).standard_normal(len(T) if count is None else count)
 
 
 @pytest.mark.parametrize("size", [0.0, 0.02, 1.0, 2.0])

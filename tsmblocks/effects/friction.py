@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 
 import attrs
 
@@ -12,14 +13,15 @@ from tsmblocks.blocks import (
     DahlFriction,
     Derivative,
     Gain,
+    GainChange,
     QuadraticDrag,
     StribeckFriction,
     Sum,
 )
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import Size, in_proportion
-from tsmblocks.effects.trials import Scales, Span, Trials
-from tsmblocks.effects.variants import resisting
+from tsmblocks.effects.trials import Scales, Span, Trials, instant_trials
+from tsmblocks.effects.variants import resisting, separate
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
@@ -29,7 +31,7 @@ FRICTION_SHARE = 0.05
 """Trial friction, as a share of the rms drive. Chosen."""
 
 
-def _resisting(title: str, law: dict[str, Block]) -> Diagram:
+def _resisting(title: str, law: Mapping[str, Block | Diagram]) -> Diagram:
     """Drive ``u`` less a force that a chain of blocks computes from the speed of the position ``x``."""
     return resisting(title, {"rate": Derivative(), **law})
 
@@ -96,7 +98,9 @@ def _presliding_trials(scales: Scales) -> Trials:
 
 def _trials_of_both_directions(scales: Scales) -> Trials:
     one = _dry_trials("friction.level.gain", "friction.sign.smoothing", (SMOOTHING_SHARE, SMOOTHING_SHARE / 5), scales)
-    return attrs.evolve(one, strengths={**one.strengths, "friction.difference.gain": FRICTION_SHARE * scales.wire.rms})
+    return attrs.evolve(
+        one, strengths={**one.strengths, "friction.difference.gain": 0.3 * FRICTION_SHARE * scales.wire.rms}
+    )
 
 
 TWO_LEVELS = Diagram(
@@ -248,5 +252,31 @@ POSITION_EFFECTS = (
         sizes=(Size("drag at the rms speed", lambda p, scales: p["friction.coefficient"] * scales.other.speed**2),),
     ),
 )
-EFFECTS = tuple(variant for effect in POSITION_EFFECTS for variant in (effect, _of_speed(effect)))
+FROM_AN_INSTANT = Diagram(
+    title="the input from an instant on",
+    blocks={"change": GainChange(change=1.0), "later": Sum(signs="+-")},
+    wires=["change -> later.plus"],
+    inputs={"u": ["change", "later.minus"]},
+    outputs={"y": "later"},
+)
+FRICTION_CHANGE = Effect(
+    "parameter_change",
+    "time",
+    "a sudden change of the viscous friction",
+    "load",
+    _resisting("changed friction", {"friction": Gain(gain=0.0), "from": FROM_AN_INSTANT}),
+    {"friction.gain": 0.0},
+    ("friction.gain", "from.change.time"),
+    lambda scales: instant_trials(scales, _trials("friction.gain", 1, scales).strengths, {}, "from.change."),
+    excites="the same motion before and after it",
+    confused=("viscous_friction", "drift", "jump"),
+    separates="the same experiment before and after",
+    variant="friction",
+    sizes=(
+        Size("change of the friction at the rms speed", lambda p, scales: p["friction.gain"] * scales.other.speed),
+        in_proportion("time", "from.change.time", "s"),
+    ),
+)
+_CHANGES = (FRICTION_CHANGE, separate(FRICTION_CHANGE, "from.change.time"))
+EFFECTS = tuple(variant for effect in (*POSITION_EFFECTS, *_CHANGES) for variant in (effect, _of_speed(effect)))
 """All friction effects, each for a position and then for a speed, so that variants of one name are neighbours."""

@@ -10,13 +10,11 @@ import attrs
 from tsmblocks import blocks
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
-from tsmblocks.effects.trials import Scales, Trials
+from tsmblocks.effects.trials import Scales, Trials, instant_trials
 from tsmblocks.effects.variants import across, in_front, on_branch, separate
 
 NO_LIMIT = 1e12
 """A rate that no signal reaches. Chosen: finite, since an infinite rate times a step of zero is NaN."""
-INSTANT_COUNT = 48
-"""Instants in the first grid of a sudden change. Chosen: for the run time; the grid is refined."""
 
 LEAST_PERIODS = 2
 """Periods of a disturbance that a session holds, at least. Derived: a longer period and a drift are
@@ -37,17 +35,9 @@ def _drift_trials(scales: Scales) -> Trials:
     return Trials({"rate": size / length, "curve": size / length**2}, fixed=_time_origin(scales))
 
 
-def _instant_trials(scales: Scales, size: dict[str, float], shape: dict[str, float]) -> Trials:
-    length = (scales.stop - scales.start) / (INSTANT_COUNT + 1)
-    times = [scales.start + (k + 1) * length for k in range(INSTANT_COUNT)]
-    # A change within the first or the last interval is no change.
-    shapes, width = tuple({"time": time, **shape} for time in times), {"width": 2 * scales.step}
-    return Trials(size, shapes, width, {"time": (times[0], times[-1])}, refine="time")
-
-
 def _loop_change_trials(scales: Scales) -> Trials:
     size = {"change": 0.03 * scales.wire.reach, "gain": 0.03}
-    result = _instant_trials(scales, size, {"distance": 0.15 * scales.wire.reach})
+    result = instant_trials(scales, size, {"distance": 0.15 * scales.wire.reach})
     return result.with_bounds({"distance": (0.01 * scales.wire.reach, scales.wire.reach), "z": (-1.0, 1.0)})
 
 
@@ -134,7 +124,7 @@ JUMP = Effect(
     blocks.Jump(),
     {"size": 0.0},
     ("size", "time"),
-    lambda scales: _instant_trials(scales, {"size": 0.02 * scales.wire.reach}, {}),
+    lambda scales: instant_trials(scales, {"size": 0.02 * scales.wire.reach}, {}),
     excites="samples before and after it",
     confused=("drift", "parameter_change"),
     separates="a reference mark passed again",
@@ -157,7 +147,7 @@ GAIN_CHANGE = Effect(
     blocks.GainChange(),
     {"change": 0.0},
     ("change", "time"),
-    lambda scales: _instant_trials(scales, {"change": 0.05}, {}),
+    lambda scales: instant_trials(scales, {"change": 0.05}, {}),
     excites="the same motion before and after it",
     confused=("drift", "jump", "creep"),
     separates="the same experiment before and after",

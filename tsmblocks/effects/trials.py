@@ -8,6 +8,9 @@ from typing import Any
 import attrs
 import numpy as np
 
+INSTANT_COUNT = 48
+"""Instants in the first grid of a sudden change. Chosen: for the run time; the grid is refined."""
+
 
 @attrs.frozen
 class Span:
@@ -157,3 +160,27 @@ def span_of(signals: list[np.ndarray], steps: list[float]) -> Span:
     every = np.concatenate(signals)
     values = every.min(), every.max(), np.sqrt(np.mean(every**2)), np.sqrt(np.mean(rates**2)), rates.max()
     return Span(*map(float, values))
+
+
+def instant_trials(scales: Scales, size: Mapping[str, float], shape: Mapping[str, float], within: str = "") -> Trials:
+    """Return trial values of a sudden change, at instants evenly spread over the recordings.
+
+    Parameters
+    ----------
+    scales : Scales
+        Scales of the signals.
+    size, shape : mapping of str to float
+        Trial sizes of the change, and values of its other parameters at each instant.
+    within : str, default ""
+        The blocks, each with a dot behind it, in which the parameters ``time`` and ``width`` are.
+
+    Returns
+    -------
+    Trials
+        The trial values, whose instant is refined.
+    """
+    length = (scales.stop - scales.start) / (INSTANT_COUNT + 1)
+    times = [scales.start + (k + 1) * length for k in range(INSTANT_COUNT)]
+    # A change within the first or the last interval is no change.
+    name, width = f"{within}time", {f"{within}width": 2 * scales.step}
+    return Trials(size, tuple({name: time, **shape} for time in times), width, {name: (times[0], times[-1])}, name)

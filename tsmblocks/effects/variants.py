@@ -17,7 +17,7 @@ LEFT = "left"
 """The sum, in the block of an effect, of what a force leaves of the drive."""
 
 
-def resisting(title: str, chain: Mapping[str, Block]) -> Diagram:
+def resisting(title: str, chain: Mapping[str, Block | Diagram]) -> Diagram:
     """Drive ``u`` less a force that a chain of blocks makes of the motion ``x``, which the first of them takes."""
     first = next(iter(chain))
     return Diagram(
