@@ -25,6 +25,9 @@ from tsmblocks.diagnosis.varying_factor import VaryingFactor
 UNKNOWN_EXCESS = 0.2
 """Excess over a given noise floor, or over the largest noise that is plausible where nothing predicts the residual
 [noise variances], from which the verdict is "unknown". Source: set on the prototype's development seeds."""
+CLEARLY_PREDICTED = 0.5
+"""Share of a residual that is predicted on held-out data from which noise of the inputs is not its cause. Chosen: the
+recorded inputs hold their own noise, which predicts a part of what it causes."""
 
 
 @attrs.frozen(eq=False)
@@ -154,6 +157,8 @@ class DiagnosedPart:
         if self._is_within_given_noise:
             return False
         material = self.left.material and self.left.predicted >= MIN_PREDICTED_EXCESS * self.search.noise.low
+        if self.is_noise_of_inputs:
+            material = material and self.left.share >= CLEARLY_PREDICTED
         return material or is_material(self.rejected_share)
 
     @property

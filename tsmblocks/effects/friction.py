@@ -97,10 +97,9 @@ def _presliding_trials(scales: Scales) -> Trials:
 
 
 def _trials_of_both_directions(scales: Scales) -> Trials:
-    one = _dry_trials("friction.level.gain", "friction.sign.smoothing", (SMOOTHING_SHARE, SMOOTHING_SHARE / 5), scales)
-    return attrs.evolve(
-        one, strengths={**one.strengths, "friction.difference.gain": 0.3 * FRICTION_SHARE * scales.wire.rms}
-    )
+    level, difference, smoothing = "friction.level.gain", "friction.difference.gain", "friction.sign.smoothing"
+    one = _dry_trials(level, smoothing, (SMOOTHING_SHARE, SMOOTHING_SHARE / 5), scales)
+    return attrs.evolve(one, strengths={**one.strengths, difference: 0.3 * one.strengths[level]})
 
 
 TWO_LEVELS = Diagram(
