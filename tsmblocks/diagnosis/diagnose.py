@@ -7,6 +7,7 @@ For each part of the diagram (``_diagnosed``): filter the noise of inputs, estim
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
@@ -26,7 +27,7 @@ from tsmblocks.diagnosis.commands import OtherCommands, delays_if_held
 from tsmblocks.diagnosis.credibility import notes_on_moved
 from tsmblocks.diagnosis.cross_validation import time_blocks
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart, Omission
-from tsmblocks.diagnosis.effects_or_noise import beside_inputs, without_effects_of_noise
+from tsmblocks.diagnosis.effects_or_noise import beside_inputs, exceeds_noise, without_effects_of_noise
 from tsmblocks.diagnosis.evidence import Evidence, evidence
 from tsmblocks.diagnosis.exchange import exchange_effects
 from tsmblocks.diagnosis.exchangeable import exchange_notes
@@ -334,7 +335,9 @@ def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -
     kept = noise_left_in(ready.part.diagram, ready.raw, ready.noises)
     blocks, line = time_blocks(ready.base.problem), only_frequency(ready.records, tuple(inputs))
     data = ready.records, ready.settings, request.effects
-    return SearchContext(*data, blocks, noise, progress, line, removed, kept, ready.check, ready.check_named)
+    exceeds = functools.partial(exceeds_noise, lambda: ready.errors_of_inputs)
+    checks = ready.check, ready.check_named, exceeds
+    return SearchContext(*data, blocks, noise, progress, line, removed, kept, *checks)
 
 
 def _revised(

@@ -2,55 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Sequence
 
 import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.diagnosed_part import Omission
-from tsmblocks.diagnosis.input_spectrum import ErrorsByInput, Likelihood, likelihood
+from tsmblocks.diagnosis.input_spectrum import ErrorsOfInputs, Likelihood
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.diagnosis.rejection import FROM_INPUTS
+from tsmblocks.diagnosis.rejection import LEFT_OUT_FOR_INPUTS
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 
 MIN_ERROR = 1.2
 """Mean square of a residual [that of the outputs' noise] from which noise of the inputs is looked for in it. Chosen."""
 
 
-def beside_inputs(model: Model, errors: Mapping[int, ErrorsByInput]) -> Likelihood | None:
+def beside_inputs(model: Model, errors: ErrorsOfInputs) -> Likelihood | None:
     """What noise of the inputs explains of a residual; None where no input is noisy, or the outputs' noise is all."""
     if not errors or np.mean(model.differences**2) < MIN_ERROR:
         return None
-    return likelihood(model, errors)
+    return errors.likelihood(model)
+
+
+def exceeds_noise(errors: Callable[[], ErrorsOfInputs], before: Model, after: Model, candidates: int) -> bool:
+    """Whether an effect that was chosen among some candidates is more than noise of the inputs explains.
+
+    It is where it makes the residual more likely, with noise of the most likely spectrum beside the model ``before``
+    it and the one ``after``. Each parameter costs as much as in the criterion of Schwarz, and the choice as well.
+    Source: Schwarz, Estimating the dimension of a model, Ann. Stat. 6 (1978).
+    """
+    found = errors()
+    if not found or np.mean(before.differences**2) < MIN_ERROR:
+        return True
+    gain = found.likelihood(before).deviance - found.likelihood(after).deviance
+    return gain > _price(before, after, candidates)
 
 
 def without_effects_of_noise(
-    rounds: Sequence[SearchRound], search: SearchContext, errors: Mapping[int, ErrorsByInput]
+    rounds: Sequence[SearchRound], search: SearchContext, errors: ErrorsOfInputs
 ) -> tuple[list[SearchRound], list[Omission]]:
-    """Rounds of those effects that make the residual more likely than noise of the inputs does, and the others.
-
-    The first effects are kept that make it most likely, with noise of the most likely spectrum beside each model. Every
-    parameter costs as much as in the criterion of Schwarz, and every candidate among which one was chosen as well.
-    Source: Schwarz, Estimating the dimension of a model, Ann. Stat. 6 (1978).
-    """
+    """Rounds of the first effects that together exceed noise of the inputs most, and the effects after them."""
     count = accepted_count(rounds, search)
-    named = [one.verdict.named for one in rounds[: max(count, 1)] if one.verdict.named is not None]
-    if not named or not errors:
+    if not count or not errors or np.mean(rounds[0].base.differences ** 2) < MIN_ERROR:
         return list(rounds), []
-    models = (
-        [rounds[0].base, *(one.base for one in rounds[1 : count + 1])] if count else [rounds[0].base, named[0].model]
-    )
-    costs, penalty = list[float](), 0.0
-    for k, model in enumerate(models):
-        if k:
-            added = max(len(model.theta) - len(models[k - 1].theta), 1)
-            penalty += added * np.log(len(model.r)) + 2 * np.log(max(len(rounds[k - 1].screening_scores), 1))
-        costs.append(likelihood(model, errors).deviance + penalty)
+    price, costs = 0.0, [errors.likelihood(rounds[0].base).deviance]
+    for one, following in itertools.pairwise(rounds[: count + 1]):
+        price += _price(one.base, following.base, len(one.screening_scores))
+        costs.append(errors.likelihood(following.base).deviance + price)
     kept = int(np.argmin(costs))
-    if kept == len(named):
+    if kept == count:
         return list(rounds), []
-    last = rounds[kept]
-    omitted = [Omission.of(rounds, one, FROM_INPUTS) for one in named[kept:]] if count else []
+    named, last = [one.verdict.named for one in rounds[kept:count] if one.verdict.named is not None], rounds[kept]
     closed = attrs.evolve(last, verdict=attrs.evolve(last.verdict, named=None, indistinguishable=()))
-    return [*rounds[:kept], closed], omitted
+    return [*rounds[:kept], closed], [Omission.of(rounds, one, LEFT_OUT_FOR_INPUTS) for one in named]
+
+
+def _price(before: Model, after: Model, candidates: int) -> float:
+    """What an effect has to gain: by the parameters that it adds, and the candidates among which it was chosen."""
+    added = max(len(after.theta) - len(before.theta), 1)
+    return float(added * np.log(len(after.r)) + 2 * np.log(max(candidates, 1)))

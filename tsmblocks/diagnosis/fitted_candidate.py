@@ -12,6 +12,8 @@ BOUND_TOLERANCE = 1e-3
 """Relative distance from a bound within which a parameter is reported at it. Chosen: below any interval."""
 MAX_FINITE_NULL = 1e9
 """Magnitude from which a null value counts as infinite (a limit that never acts), in the parameter's unit. Chosen."""
+FROM_INPUTS = "noise of the inputs explains as much"
+"""Why a candidate may not be named."""
 
 
 @attrs.frozen(eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import attrs
 
@@ -22,7 +22,7 @@ from tsmblocks.diagnosis.decision import (
     noise_beside,
 )
 from tsmblocks.diagnosis.evidence import evidence
-from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
+from tsmblocks.diagnosis.fitted_candidate import FROM_INPUTS, FittedCandidate
 from tsmblocks.diagnosis.forms_at_finer_step import form_at_finer_step, with_form
 from tsmblocks.diagnosis.general_forms import generalized
 from tsmblocks.diagnosis.model import Model
@@ -46,6 +46,8 @@ MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 MAX_BETTER_BASES = 2
 """Times that a round is repeated from a better optimum of its base, at most. Chosen: for the run time."""
+MOST_FROM_INPUTS = 3
+"""Candidates at most that noise of the inputs explains before none is named. Chosen: for the run time."""
 MIN_GAIN_BESIDE_MOTION = 2.0
 """Gain of an oscillation at a harmonic of the motion, over what is predicted from the motion, from which it is a
 disturbance all the same. Chosen: more than half of it is then no function of the motion."""
@@ -83,9 +85,28 @@ def search_round(
         found = fitted_candidate(candidate, m, search.blocks, shrinkage, untenable)
         fitted.append(at_sufficient_step(found, base_loss, model.mean_square, search.blocks, shrinkage))
     noise_variance = noise_beside(fitted, search.noise)
-    verdict = decide(losses[0], fitted, search.blocks, noise_variance, search.settings.seed)
-    verdict = with_distances_first(verdict, losses[0], search.blocks, search.only_frequency)
+
+    def decided(fits: Sequence[FittedCandidate]) -> Verdict:
+        found = decide(losses[0], fits, search.blocks, noise_variance, search.settings.seed)
+        return with_distances_first(found, losses[0], search.blocks, search.only_frequency)
+
+    verdict = _beside_noise(decided, fitted, lambda one: search.exceeds_noise(model, one.model, len(scores)))
     return SearchRound(model, *losses, tuple(scores), verdict, multiplicity=multiplicity)
+
+
+def _beside_noise(
+    decided: Callable[[Sequence[FittedCandidate]], Verdict],
+    fitted: Sequence[FittedCandidate],
+    exceeds: Callable[[FittedCandidate], bool],
+) -> Verdict:
+    """The verdict on fitted candidates in which noise of the inputs does not explain as much as the one named."""
+    for _ in range(MOST_FROM_INPUTS):
+        verdict = decided(fitted)
+        if verdict.named is None or exceeds(verdict.named):
+            return verdict
+        gone = {verdict.named, *verdict.indistinguishable}
+        fitted = [attrs.evolve(one, untenable=one.untenable or FROM_INPUTS) if one in gone else one for one in fitted]
+    return attrs.evolve(decided(fitted), named=None, indistinguishable=())
 
 
 def _why_noise(

@@ -7,6 +7,7 @@ stronger below the cut-off than above, and an effect that is not there may follo
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Mapping, Sequence
 
 import attrs
@@ -226,3 +227,21 @@ def _part(errors: ErrorsByInput, components: Sequence[_Component], values: np.nd
                 covariances[k] = mine.T @ component.covariance(count, one.distance) @ mine
         first += count
     return _Part(along[:, 0], along[:, 1:], unknowns, covariances)
+
+
+@attrs.frozen(eq=False)
+class ErrorsOfInputs:
+    """Errors of the inputs of all experiments, by number, and how likely residuals of models are beside them."""
+
+    by_experiment: Mapping[int, ErrorsByInput] = attrs.field(repr=False)
+    _known: weakref.WeakKeyDictionary[Model, Likelihood] = attrs.field(factory=weakref.WeakKeyDictionary, repr=False)
+
+    def __bool__(self) -> bool:
+        """Whether any input is noisy."""
+        return bool(self.by_experiment)
+
+    def likelihood(self, model: Model) -> Likelihood:
+        """That of a model, which is found once."""
+        if model not in self._known:
+            self._known[model] = likelihood(model, self.by_experiment)
+        return self._known[model]

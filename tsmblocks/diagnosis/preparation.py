@@ -26,7 +26,7 @@ from tsmblocks.diagnosis.commands import (
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories, reset_idle_memories
 from tsmblocks.diagnosis.input_noise import InputNoise, NoiseByInput, errors_of_noise, input_noise, noise_by_input
-from tsmblocks.diagnosis.input_spectrum import ErrorsByInput
+from tsmblocks.diagnosis.input_spectrum import ErrorsOfInputs
 from tsmblocks.diagnosis.model import Model, ModelSettings, ProgressCallback, calibrate, nearest, with_accurate_step
 from tsmblocks.diagnosis.noise_at_rest import without_motion_at_rest
 from tsmblocks.diagnosis.noise_floor import NoiseFloors, fast_noise_of_residuals, lowered_noise_floors, noise_floors
@@ -93,9 +93,9 @@ class Prepared:
     settled: bool = False
 
     @functools.cached_property
-    def errors_of_inputs(self) -> dict[int, ErrorsByInput]:
-        """What errors of noisy inputs change in the outputs of the base, by number of the experiment."""
-        return errors_of_noise(self.base, self.noises)
+    def errors_of_inputs(self) -> ErrorsOfInputs:
+        """What errors of noisy inputs change in the outputs of the base."""
+        return ErrorsOfInputs(errors_of_noise(self.base, self.noises))
 
     def check(self, model: Model) -> None:
         """Raise OtherCommands where a model shows inputs to be commands, beyond those that are known.

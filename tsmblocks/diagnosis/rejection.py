@@ -17,7 +17,7 @@ from tsmblocks.diagnosis.decision import (
     noise_beside,
 )
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
-from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
+from tsmblocks.diagnosis.fitted_candidate import FROM_INPUTS, FittedCandidate
 from tsmblocks.diagnosis.search_rounds import SearchRound
 
 INDISTINGUISHABLE = "indistinguishable"
@@ -26,8 +26,8 @@ NOT_DETERMINED = "left out: not determined beside the other effects"
 NO_SIZE = "left out: its size is not determined with these data"
 TAKES_PLACE = "left out: the parameters of the model are not determined beside it"
 RECURRING = "left out: an error that comes and goes so often is irregular"
-FROM_INPUTS = "left out: noise of the inputs explains as much"
-LEFT_OUT = (NOT_DETERMINED, NO_SIZE, TAKES_PLACE, RECURRING, FROM_INPUTS)
+LEFT_OUT_FOR_INPUTS = f"left out: {FROM_INPUTS}"
+LEFT_OUT = (NOT_DETERMINED, NO_SIZE, TAKES_PLACE, RECURRING, LEFT_OUT_FOR_INPUTS)
 """Reasons of effects that were accepted at first."""
 NO_BETTER = "no better on held-out data"
 NOT_SIGNIFICANT = "not significant"

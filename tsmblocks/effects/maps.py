@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from types import SimpleNamespace
@@ -48,19 +49,26 @@ LIMITS = (in_proportion("lower limit", "low"), in_proportion("upper limit", "hig
 """The ends of a saturation."""
 
 
-def _slope_lost(p: Mapping[str, float], scales: Scales) -> float:
-    """By how much a soft saturation is flatter in the outer half of the range than in the inner one [%].
+def _slope_lost(side: float, p: Mapping[str, float], scales: Scales) -> float:
+    """By how much a soft saturation is flatter in the outer half than in the inner one [%], to one side of the middle.
 
     NaN where its limits cross, as they may within the interval of limits that are hardly determined.
     """
     if not p["low"] < p["high"]:
         return math.nan
     block = SoftSaturation(low=p["low"], high=p["high"], softness=p["softness"])
-    largest = max(scales.wire.low, scales.wire.high, key=abs)
     none, half, whole = (
-        float(block.outputs(0.0, None, SimpleNamespace(u=share * largest))["y"]) for share in (0.0, 0.5, 1.0)
+        float(block.outputs(0.0, None, SimpleNamespace(u=scales.wire.middle + side * share * scales.wire.reach))["y"])
+        for share in (0.0, 0.5, 1.0)
     )
     return PERCENT * (1 - (whole - half) / (half - none))
+
+
+SLOPES_LOST = tuple(
+    Size(f"slope lost at the {end} end", functools.partial(_slope_lost, side), "%")
+    for end, side in (("upper", 1.0), ("lower", -1.0))
+)
+"""How far a soft saturation bends at the ends of the range."""
 
 
 def _polynomial(p: Mapping[str, float], away: float) -> float:
@@ -222,7 +230,7 @@ SOFT_SATURATION = attrs.evolve(
     free=("low", "high", "softness"),
     trials=_soft_saturation_trials,
     variant="soft",
-    sizes=(Size("slope lost in the outer half", _slope_lost, "%"), *LIMITS),
+    sizes=(*SLOPES_LOST, *LIMITS),
 )
 SOFT_DEAD_ZONE = Effect(
     "dead_zone",
@@ -238,6 +246,7 @@ SOFT_DEAD_ZONE = Effect(
     separates="a slow ramp over the full range: a dead zone takes the same way back",
     variant="soft",
     below=("softness",),  # one as soft as that is a smooth characteristic
+    within=("centre",),  # one that is half outside of the range is a saturation
     sharp=("softness",),
     sizes=(in_proportion("width", "half_width", factor=2.0), in_proportion("middle", "centre")),
 )
@@ -323,6 +332,7 @@ EFFECTS = (
     on_branch(SATURATION),
     attrs.evolve(SATURATION, place="drive", variant="drive"),
     SOFT_SATURATION,
+    attrs.evolve(in_front(SOFT_SATURATION), variant="soft input"),
     attrs.evolve(SOFT_SATURATION, place="drive", variant="soft drive"),
     EVEN,
     in_front(EVEN),
