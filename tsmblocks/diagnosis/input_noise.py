@@ -118,7 +118,8 @@ def factor_beside(model: Model) -> float:
 def correlated_noise(model: Model, factor: float) -> dict[str, float]:
     """Mean square by output [output noise variances] of the errors that are whitened; empty where none are.
 
-    It is that of the residual, less what initial states take of it, with errors ``factor`` times as large.
+    It is that of the residual, less what initial states take of it, with errors ``factor`` times as large; together
+    with the noise of the outputs it is no more than the residual has.
     """
     outputs, problem = model.setup.outputs, model.problem
     if not problem.whitening:
@@ -129,7 +130,8 @@ def correlated_noise(model: Model, factor: float) -> dict[str, float]:
         spread, turn = whitening.restored(columns), np.linalg.pinv(columns.T @ columns)
         left = factor**2 * whitening.variances - np.einsum("ij,jk,ik->i", spread, turn, spread)
         totals += np.maximum(left.reshape(len(outputs), -1).sum(axis=1), 0.0)
-    return dict(zip(outputs, (totals * len(outputs) / len(model.r)).tolist(), strict=True))
+    surplus = [max(rms**2 - 1, 0.0) for rms in model.residual_rms_beside({}).values()]
+    return dict(zip(outputs, np.minimum(totals * len(outputs) / len(model.r), surplus).tolist(), strict=True))
 
 
 def _likeliest(model: Model, factors: Iterable[float]) -> float:
