@@ -25,9 +25,13 @@ from tsmblocks.diagnosis.varying_factor import VaryingFactor
 UNKNOWN_EXCESS = 0.2
 """Excess over a given noise floor, or over the largest noise that is plausible where nothing predicts the residual
 [noise variances], from which the verdict is "unknown". Source: set on the prototype's development seeds."""
+MOST_BESIDE_INPUTS = 1.5
+"""Mean square of a residual that is left beside noise of the inputs [that of the outputs' noise] up to which this is
+all that it holds. Chosen: what such noise causes is known as far as the model is linear."""
 CLEARLY_PREDICTED = 0.5
-"""Share of a residual that is predicted on held-out data from which noise of the inputs is not its cause. Chosen: the
-recorded inputs hold their own noise, which predicts a part of what it causes."""
+"""Share of a residual that is predicted on held-out data, or proportional to the motion by a factor that varies, from
+which noise of the inputs is not its cause. Chosen: the recorded inputs hold their own noise, which predicts a part of
+what it causes."""
 
 
 @attrs.frozen(eq=False)
@@ -126,7 +130,7 @@ class DiagnosedPart:
     def is_noise_of_inputs(self) -> bool:
         """Whether noise of the inputs may be the cause of what the last model leaves above the noise of the outputs."""
         one = self.beside_inputs
-        return one is not None and one.square <= 1 + UNKNOWN_EXCESS
+        return one is not None and one.square <= MOST_BESIDE_INPUTS
 
     @property
     def leaves_unexamined(self) -> bool:
@@ -137,7 +141,9 @@ class DiagnosedPart:
     def varies(self) -> bool:
         """Whether what the last model leaves is proportional to the motion by a factor that varies, materially."""
         large = self.losses[-1] > (1 + UNKNOWN_EXCESS) * self.search.noise.low  # else it may be noise of an input
-        return self.varying is not None and self.varying.material and large
+        if self.varying is None or not self.varying.material:
+            return False
+        return large and (not self.is_noise_of_inputs or self.varying.share >= CLEARLY_PREDICTED)
 
     @property
     def _is_within_given_noise(self) -> bool:

@@ -10,8 +10,10 @@ import numpy as np
 
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.diagnosed_part import Omission
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.input_spectrum import ErrorsOfInputs, Likelihood
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.rejection import LEFT_OUT_FOR_INPUTS
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 
@@ -26,18 +28,22 @@ def beside_inputs(model: Model, errors: ErrorsOfInputs) -> Likelihood | None:
     return errors.likelihood(model)
 
 
-def exceeds_noise(errors: Callable[[], ErrorsOfInputs], before: Model, after: Model, candidates: int) -> bool:
+def exceeds_noise(errors: Callable[[], ErrorsOfInputs], before: Model, one: FittedCandidate, candidates: int) -> bool:
     """Whether an effect that was chosen among some candidates is more than noise of the inputs explains.
 
     It is where it makes the residual more likely, with noise of the most likely spectrum beside the model ``before``
-    it and the one ``after``. Each parameter costs as much as in the criterion of Schwarz, and the choice as well.
+    it and the one with it, and does not just take that noise out of the input. Each parameter costs as much as in the
+    criterion of Schwarz, and the choice as well.
     Source: Schwarz, Estimating the dimension of a model, Ann. Stat. 6 (1978).
     """
     found = errors()
     if not found or np.mean(before.differences**2) < MIN_ERROR:
         return True
-    gain = found.likelihood(before).deviance - found.likelihood(after).deviance
-    return gain > _price(before, after, candidates)
+    likely = found.likelihood(before)
+    if likely.deviance - found.likelihood(one.model).deviance <= _price(before, one.model, candidates):
+        return False
+    deviation = {name: float(np.std(np.concatenate(before.signals([name])))) for name in likely.noise}
+    return not filters_noise(one.model, one.candidate, {k: share * deviation[k] for k, share in likely.noise.items()})
 
 
 def without_effects_of_noise(

@@ -90,7 +90,7 @@ def search_round(
         found = decide(losses[0], fits, search.blocks, noise_variance, search.settings.seed)
         return with_distances_first(found, losses[0], search.blocks, search.only_frequency)
 
-    verdict = _beside_noise(decided, fitted, lambda one: search.exceeds_noise(model, one.model, len(scores)))
+    verdict = _beside_noise(decided, fitted, lambda one: search.exceeds_noise(model, one, len(scores)))
     return SearchRound(model, *losses, tuple(scores), verdict, multiplicity=multiplicity)
 
 

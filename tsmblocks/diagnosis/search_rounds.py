@@ -61,8 +61,8 @@ class SearchContext:
     is the one frequency [Hz] of all recordings, None where there are several. ``input_noise`` is the rms noise that was
     filtered out of each input, ``noise_left`` that of inputs out of which none was. ``check`` raises OtherCommands
     where a model with effects shows inputs to be commands, and ``check_named`` where a command explains as much as an
-    effect that was named. ``exceeds_noise`` is whether an effect that was chosen among some candidates, by the models
-    before it and after it, is more than noise of the inputs explains.
+    effect that was named. ``exceeds_noise`` is whether an effect that was chosen among so many candidates, beside the
+    model before it, is more than noise of the inputs explains.
     """
 
     records: Mapping[str, Record]
@@ -76,7 +76,7 @@ class SearchContext:
     noise_left: Mapping[str, float] = attrs.field(factory=dict)
     check: Callable[[Model], None] = lambda _: None
     check_named: Callable[[Model, FittedCandidate], None] = lambda *_: None
-    exceeds_noise: Callable[[Model, Model, int], bool] = lambda *_: True
+    exceeds_noise: Callable[[Model, FittedCandidate, int], bool] = lambda *_: True
 
     def tried_as(self, candidate: Candidate) -> Effect | Relative:
         """The effect that was searched for, from which a candidate was made: of a replacement, the relative."""
