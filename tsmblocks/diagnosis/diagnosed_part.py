@@ -124,10 +124,19 @@ class DiagnosedPart:
         """Whether the last model leaves more than noise and outliers may be, and no function of what was recorded."""
         loss = (1 - share_of_outliers([self.final.r[rows] for rows in self.final.problem.segments])) * self.losses[-1]
         large = loss > (1 + UNKNOWN_EXCESS) * self.largest_noise or self.varies
-        return large and not self.leaves_predictable and not (self.is_noise_of_inputs and not self.varies)
+        from_inputs = self.is_noise_of_inputs and not self.varies
+        return large and not self.leaves_predictable and not from_inputs
 
     @property
     def is_noise_of_inputs(self) -> bool:
+        """Whether noise of the inputs is taken for the cause of what the last model leaves.
+
+        Where the noise of the outputs is known, what is above it is reported all the same.
+        """
+        return self.may_be_noise_of_inputs and not self.search.noise.is_given
+
+    @property
+    def may_be_noise_of_inputs(self) -> bool:
         """Whether noise of the inputs may be the cause of what the last model leaves above the noise of the outputs."""
         one = self.beside_inputs
         return one is not None and one.square <= MOST_BESIDE_INPUTS

@@ -63,7 +63,8 @@ def next_steps(segment: Segment) -> list[str]:
         return [*alone, *_where_a_factor_varies(segment)]
     if segment.irregular:
         near = any(_remaining_ratio(gap) < NOISE_RATIO for gap in segment.gaps)
-        return [*alone, repeat, *([floor] if near and not given else []), *_integrate_a_speed(segment), RECORD_CAUSES]
+        noise = _noise_of_inputs(segment) or ([floor] if near and not given else [])
+        return [*alone, repeat, *noise, *_integrate_a_speed(segment), RECORD_CAUSES]
     return [
         *alone,
         *_others_to_try(segment),

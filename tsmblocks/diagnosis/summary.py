@@ -87,7 +87,7 @@ def _predictable(diagnosed: DiagnosedPart) -> tuple[float, float]:
 def _noise_of_inputs(diagnosed: DiagnosedPart) -> tuple[InputNoiseRms, ...]:
     """The noise of inputs that may cause what the last model leaves, in the units of the recordings."""
     beside = diagnosed.beside_inputs
-    if beside is None or not diagnosed.is_noise_of_inputs:
+    if beside is None or not diagnosed.may_be_noise_of_inputs:
         return ()
     records = list(diagnosed.search.records.values())
     spreads = {k: max(float(np.std(one[k])) for one in records if k in one) for k in beside.noise}

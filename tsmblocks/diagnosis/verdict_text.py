@@ -184,7 +184,9 @@ def _shape(segment: Segment) -> str:
         fitted = (r.share for r in segment.ranking if r.fitted and r.round == 1)
         if max(fitted, default=0.0) > LARGE_SHARE:  # one that could not be named does predict it
             return "The residual is too large for noise."
-        return f"The residual is irregular: {UNPREDICTED}, and it is too large for noise."
+        cause = _cause_at_inputs(segment)
+        large = f"it is too large for noise of the output; {cause}" if cause else "it is too large for noise"
+        return f"The residual is irregular: {UNPREDICTED}, and {large}."
     gap = worst_gap(segment)
     share = percent(min(segment.predictable[1] * gap.judged[0] ** 2 / _variance_above_floor(gap), 1.0))
     return f"Of the variance above the noise floor, {share} is predicted from the recorded signals on held-out data."

@@ -195,7 +195,7 @@ POSITION_EFFECTS = (
         confused=("coulomb_friction", "load_offset", "drift"),
         separates="a rest of the drive: an offset of the load pulls at rest, friction does not",
         contains=("coulomb_friction",),
-        variant="dry, in both directions",
+        variant="dry, two levels",
         sizes=(
             Size("friction forwards", lambda p, _: p["friction.level.gain"] + p["friction.difference.gain"]),
             Size("friction backwards", lambda p, _: p["friction.level.gain"] - p["friction.difference.gain"]),

@@ -332,7 +332,7 @@ EFFECTS = (
     on_branch(SATURATION),
     attrs.evolve(SATURATION, place="drive", variant="drive"),
     SOFT_SATURATION,
-    attrs.evolve(in_front(SOFT_SATURATION), variant="soft input"),
+    attrs.evolve(in_front(SOFT_SATURATION), variant="input, soft"),
     attrs.evolve(SOFT_SATURATION, place="drive", variant="soft drive"),
     EVEN,
     in_front(EVEN),
