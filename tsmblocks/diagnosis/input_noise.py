@@ -178,7 +178,7 @@ def _noise_of(record: Record, name: str) -> NoiseOfInput | None:
 def errors_of_noise(model: Model, noises: NoiseByInput) -> dict[int, ErrorsByInput]:
     """What errors of noisy inputs change in the outputs of a model, by number of the experiment."""
     experiments = model.setup.experiments
-    most = FEW_NODES // len(experiments)
+    most = min(FEW_NODES, MOST_VALUES // model.problem.samples) // len(experiments)
     found = {
         e: errors_of_inputs(model, e, noises.get(experiment_of(one.name), {}), most)
         for e, one in enumerate(experiments)
