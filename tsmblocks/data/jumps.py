@@ -67,12 +67,11 @@ def _sudden(x: np.ndarray) -> np.ndarray:
 
 def _highest(height: np.ndarray) -> list[int]:
     """Where each jump is highest; of several within the samples of one level the highest."""
-    found = list[int]()
-    for k in np.argsort(-height, kind="stable"):
-        if not height[k] > 0:
-            break
-        if all(abs(k - other) >= LEVEL_SAMPLES for other in found):
-            found.append(int(k))
+    found, taken = list[int](), ~(height > 0)
+    for k in np.argsort(-height, kind="stable").tolist():
+        if not taken[k]:
+            found.append(k)
+            taken[max(k - LEVEL_SAMPLES + 1, 0) : k + LEVEL_SAMPLES] = True
     return found
 
 
@@ -83,6 +82,8 @@ def _one_jump(before: np.ndarray, after: np.ndarray, count: int) -> np.ndarray:
     near = BETWEEN * float(np.sqrt((rest_before.var() + rest_after.var()) / 2))
     edge = np.concatenate([before[-EDGE:], after[:EDGE]])
     share = np.where(np.arange(2 * EDGE) < EDGE, 0.0, 1.0)
+    if high == low:
+        return np.zeros(count)
     between = (np.abs(edge - low) > near) & (np.abs(edge - high) > near)
     share[between] = np.clip((edge[between] - low) / (high - low), 0.0, 1.0)
     result = np.full(count, high - low)
