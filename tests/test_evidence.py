@@ -180,6 +180,7 @@ def test_a_small_effect_that_was_not_accepted_makes_nothing_unknown(share, remai
         left=SimpleNamespace(material=False, predicted=0.0),
         search=SimpleNamespace(noise=SimpleNamespace(low=1.0)),
         _is_within_given_noise=False,
+        is_noise_of_inputs=False,
     )
     part.rejected_share = DiagnosedPart.rejected_share.fget(part)
     assert part.rejected_share == pytest.approx(share)

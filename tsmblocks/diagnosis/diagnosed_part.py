@@ -25,9 +25,6 @@ from tsmblocks.diagnosis.varying_factor import VaryingFactor
 UNKNOWN_EXCESS = 0.2
 """Excess over a given noise floor, or over the largest noise that is plausible where nothing predicts the residual
 [noise variances], from which the verdict is "unknown". Source: set on the prototype's development seeds."""
-MOST_BESIDE_INPUTS = 1.5
-"""Mean square of a residual that is left beside noise of the inputs [that of the outputs' noise] up to which this is
-all that it holds. Chosen: what such noise causes is known as far as the model is linear."""
 CLEARLY_PREDICTED = 0.5
 """Share of a residual that is predicted on held-out data, or proportional to the motion by a factor that varies, from
 which noise of the inputs is not its cause. Chosen: the recorded inputs hold their own noise, which predicts a part of
@@ -138,8 +135,7 @@ class DiagnosedPart:
     @property
     def may_be_noise_of_inputs(self) -> bool:
         """Whether noise of the inputs may be the cause of what the last model leaves above the noise of the outputs."""
-        one = self.beside_inputs
-        return one is not None and one.square <= MOST_BESIDE_INPUTS
+        return self.beside_inputs is not None and self.beside_inputs.explains
 
     @property
     def leaves_unexamined(self) -> bool:

@@ -31,15 +31,17 @@ def beside_inputs(model: Model, errors: ErrorsOfInputs) -> Likelihood | None:
 def exceeds_noise(errors: Callable[[], ErrorsOfInputs], before: Model, one: FittedCandidate, candidates: int) -> bool:
     """Whether an effect that was chosen among some candidates is more than noise of the inputs explains.
 
-    It is where it makes the residual more likely, with noise of the most likely spectrum beside the model ``before``
-    it and the one with it, and does not just take that noise out of the input. Each parameter costs as much as in the
-    criterion of Schwarz, and the choice as well.
+    It is where such noise is not enough, or where it makes the residual more likely, with noise of the most likely
+    spectrum beside the model ``before`` it and the one with it, and does not just take that noise out of the input.
+    Each parameter costs as much as in the criterion of Schwarz, and the choice as well.
     Source: Schwarz, Estimating the dimension of a model, Ann. Stat. 6 (1978).
     """
     found = errors()
     if not found or np.mean(before.differences**2) < MIN_ERROR:
         return True
     likely = found.likelihood(before)
+    if not likely.explains:
+        return True
     if likely.deviance - found.likelihood(one.model).deviance <= _price(before, one.model, candidates):
         return False
     deviation = {name: float(np.std(np.concatenate(before.signals([name])))) for name in likely.noise}
@@ -49,15 +51,18 @@ def exceeds_noise(errors: Callable[[], ErrorsOfInputs], before: Model, one: Fitt
 def without_effects_of_noise(
     rounds: Sequence[SearchRound], search: SearchContext, errors: ErrorsOfInputs
 ) -> tuple[list[SearchRound], list[Omission]]:
-    """Rounds of the first effects that together exceed noise of the inputs most, and the effects after them."""
+    """Rounds of the first effects that together exceed noise of the inputs most, and the effects after them.
+
+    Effects stay without which such noise is not enough.
+    """
     count = accepted_count(rounds, search)
     if not count or not errors or np.mean(rounds[0].base.differences ** 2) < MIN_ERROR:
         return list(rounds), []
-    price, costs = 0.0, [errors.likelihood(rounds[0].base).deviance]
-    for one, following in itertools.pairwise(rounds[: count + 1]):
-        price += _price(one.base, following.base, len(one.screening_scores))
-        costs.append(errors.likelihood(following.base).deviance + price)
-    kept = int(np.argmin(costs))
+    found = [errors.likelihood(one.base) for one in rounds[: count + 1]]
+    pairs = itertools.pairwise(rounds[: count + 1])
+    prices = [_price(one.base, after.base, len(one.screening_scores)) for one, after in pairs]
+    costs = [one.deviance + sum(prices[:k]) for k, one in enumerate(found)]
+    kept = min((k for k, one in enumerate(found) if one.explains or k == count), key=costs.__getitem__)
     if kept == count:
         return list(rounds), []
     named, last = [one.verdict.named for one in rounds[kept:count] if one.verdict.named is not None], rounds[kept]

@@ -32,6 +32,9 @@ MOST_NOISE = 0.1
 not used to identify a plant."""
 NEGLIGIBLE = 1e-3
 """Variance along a direction [that of the outputs' noise] that is as good as none, at the largest power."""
+MOST_LEFT = 1.5
+"""Mean square of a residual that is left beside noise of the inputs [that of the outputs' noise] up to which it may be
+noise. Chosen: what noise of an input causes is known as far as the model is linear."""
 ITERATIONS = 60
 """Steps of the estimate of a spectrum. Chosen: the likelihood then changes by less than one."""
 
@@ -66,6 +69,11 @@ class Likelihood:
     deviance: float
     square: float
     noise: Mapping[str, float]
+
+    @property
+    def explains(self) -> bool:
+        """Whether noise of the inputs and of the outputs may be all that the residuals hold."""
+        return self.square <= MOST_LEFT
 
 
 @attrs.frozen
