@@ -276,6 +276,11 @@ FRICTION_CHANGE = Effect(
         in_proportion("time", "from.change.time", "s"),
     ),
 )
-_CHANGES = (FRICTION_CHANGE, separate(FRICTION_CHANGE, "from.change.time"))
-EFFECTS = tuple(variant for effect in (*POSITION_EFFECTS, *_CHANGES) for variant in (effect, _of_speed(effect)))
+EFFECTS = tuple(variant for effect in POSITION_EFFECTS for variant in (effect, _of_speed(effect)))
 """All friction effects, each for a position and then for a speed, so that variants of one name are neighbours."""
+CHANGES = tuple(
+    variant
+    for effect in (FRICTION_CHANGE, separate(FRICTION_CHANGE, "from.change.time"))
+    for variant in (effect, _of_speed(effect))
+)
+"""Frictions that change at an instant."""

@@ -9,6 +9,7 @@ import attrs
 
 from tsmblocks import blocks
 from tsmblocks.effects.effect import Effect
+from tsmblocks.effects.friction import CHANGES
 from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials, instant_trials
 from tsmblocks.effects.variants import across, in_front, on_branch, separate
@@ -261,6 +262,7 @@ EFFECTS = (
     separate(LOOP_CHANGE, "time"),
     LOOP_CHANGE_OF_INPUT,
     separate(LOOP_CHANGE_OF_INPUT, "loop.time"),
+    *CHANGES,
     CREEP,
     attrs.evolve(
         CREEP,
