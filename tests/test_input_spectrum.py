@@ -1,4 +1,4 @@
-"""Noise of measured inputs of any spectrum is told from effects by the likelihood of the residual."""
+"""Noise of measured inputs of any spectrum is distinguished from effects by the likelihood of the residual."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 import tsmblocks as tsm
 from tests.slides import SENSOR, force, recorded, slide, slow_noise
 from tsmblocks.diagnosis.input_noise import NoiseOfInput, errors_of_inputs
-from tsmblocks.diagnosis.input_spectrum import likelihood
+from tsmblocks.diagnosis.input_spectrum import ErrorsOfInputs
 from tsmblocks.diagnosis.model import ModelSettings, calibrate
 
 
@@ -21,7 +21,7 @@ def test_the_noise_of_an_input_is_found_in_the_residual():
     rms = 0.6
     model = base(recorded(slow_noise(rms, 3.0)))
     errors = {0: errors_of_inputs(model, 0, {"F": NoiseOfInput(0.06, 40.0)}, 500)}
-    found = likelihood(model, errors)
+    found = ErrorsOfInputs(errors).likelihood(model)
     assert np.mean(model.differences**2) > 20
     assert found.square == pytest.approx(1.0, abs=0.1)
     assert found.noise["F"] * np.std(force()) == pytest.approx(rms, rel=0.3)
@@ -32,7 +32,7 @@ def test_the_likelihood_is_that_of_a_normal_distribution():
     model = base(recorded())
     noise = NoiseOfInput(0.01, 20.0)
     errors = {0: errors_of_inputs(model, 0, {"F": noise}, 200)}
-    found, causes = likelihood(model, errors), errors[0]["F"].causes
+    found, causes = ErrorsOfInputs(errors).likelihood(model), errors[0]["F"].causes
     covariance = np.eye(len(causes)) + 0.25 * causes @ causes.T
     J = model.J.dense()
     weighted = np.linalg.solve(covariance, np.column_stack([model.r, J]))

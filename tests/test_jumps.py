@@ -1,4 +1,4 @@
-"""Jumps of a signal are told from its motion and its noise, and are kept where noise is filtered out of it."""
+"""Jumps of a signal are distinguished from its motion and its noise, and are kept where noise is filtered out of it."""
 
 from __future__ import annotations
 

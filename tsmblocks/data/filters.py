@@ -148,14 +148,15 @@ def filtered(
     signals, notes = dict(self.signals), []
     for name in wanted:
         x = self[name]
-        smooth, chosen = smoothed(x, self.step, order)
-        if cutoff is not None:
+        if cutoff is None:
+            smooth, chosen = smoothed(x, self.step, order)
+        else:
             smooth, chosen = low_pass(x, self.step, cutoff, order), cutoff
         if chosen is None:
             notes.append(f"{name} was not filtered: no noise stands out from its motion in the spectrum.")
             continue
         signals[name] = smooth
-        gone = _rms_text(self[name] - signals[name], self.unit(name))
+        gone = _rms_text(x - smooth, self.unit(name))
         notes.append(f"{name} was filtered with zero phase, {_cutoff_text(chosen, cutoff)}; {gone} was removed.")
     return self._changed(*notes, signals=signals)
 

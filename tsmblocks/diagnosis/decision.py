@@ -153,6 +153,11 @@ class Verdict:
         known = [t for one, t in zip(self.ranking, self.t, strict=False) if one is self.named]
         return known[0] / self.critical_value if known and self.critical_value > 0 else np.inf
 
+    @property
+    def without_name(self) -> Verdict:
+        """The same candidates, and none named."""
+        return attrs.evolve(self, named=None, indistinguishable=())
+
 
 def decide(
     base: np.ndarray, candidates: Sequence[FittedCandidate], blocks: TimeBlocks, noise_variance: float, seed: int

@@ -23,9 +23,12 @@ MIN_ERROR = 1.2
 
 def beside_inputs(model: Model, errors: ErrorsOfInputs) -> Likelihood | None:
     """What noise of the inputs explains of a residual; None where no input is noisy, or the outputs' noise is all."""
-    if not errors or np.mean(model.differences**2) < MIN_ERROR:
-        return None
-    return errors.likelihood(model)
+    return errors.likelihood(model) if errors and _is_above_noise(model) else None
+
+
+def _is_above_noise(model: Model) -> bool:
+    """Whether a model leaves more than the noise of the outputs."""
+    return bool(np.mean(model.differences**2) >= MIN_ERROR)
 
 
 def exceeds_noise(errors: Callable[[], ErrorsOfInputs], before: Model, one: FittedCandidate, candidates: int) -> bool:
@@ -37,10 +40,8 @@ def exceeds_noise(errors: Callable[[], ErrorsOfInputs], before: Model, one: Fitt
     Source: Schwarz, Estimating the dimension of a model, Ann. Stat. 6 (1978).
     """
     found = errors()
-    if not found or np.mean(before.differences**2) < MIN_ERROR:
-        return True
-    likely = found.likelihood(before)
-    if not likely.explains:
+    likely = beside_inputs(before, found)
+    if likely is None or not likely.explains:
         return True
     if likely.deviance - found.likelihood(one.model).deviance <= _price(before, one.model, candidates):
         return False
@@ -56,7 +57,7 @@ def without_effects_of_noise(
     Effects stay without which such noise is not enough.
     """
     count = accepted_count(rounds, search)
-    if not count or not errors or np.mean(rounds[0].base.differences ** 2) < MIN_ERROR:
+    if not count or not errors or not _is_above_noise(rounds[0].base):
         return list(rounds), []
     found = [errors.likelihood(one.base) for one in rounds[: count + 1]]
     pairs = itertools.pairwise(rounds[: count + 1])
@@ -66,7 +67,7 @@ def without_effects_of_noise(
     if kept == count:
         return list(rounds), []
     named, last = [one.verdict.named for one in rounds[kept:count] if one.verdict.named is not None], rounds[kept]
-    closed = attrs.evolve(last, verdict=attrs.evolve(last.verdict, named=None, indistinguishable=()))
+    closed = attrs.evolve(last, verdict=last.verdict.without_name)
     return [*rounds[:kept], closed], [Omission.of(rounds, one, LEFT_OUT_FOR_INPUTS) for one in named]
 
 

@@ -106,7 +106,7 @@ def _beside_noise(
             return verdict
         gone = {verdict.named, *verdict.indistinguishable}
         fitted = [attrs.evolve(one, untenable=one.untenable or FROM_INPUTS) if one in gone else one for one in fitted]
-    return attrs.evolve(decided(fitted), named=None, indistinguishable=())
+    return decided(fitted).without_name
 
 
 def _why_noise(
@@ -159,7 +159,7 @@ def _why_untenable(
 def closing_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:
     """The round after the last effect: its candidates are listed, and none is named."""
     found = search_round(model, shrinkage, search)
-    return attrs.evolve(found, verdict=attrs.evolve(found.verdict, named=None, indistinguishable=()))
+    return attrs.evolve(found, verdict=found.verdict.without_name)
 
 
 def _predicted_gain(model: Model, search: SearchContext) -> float:

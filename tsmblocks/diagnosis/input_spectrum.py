@@ -6,6 +6,7 @@ stronger below the cut-off than above, and an effect that is not there may follo
 
 from __future__ import annotations
 
+import functools
 import math
 import weakref
 from collections.abc import Mapping, Sequence
@@ -101,11 +102,45 @@ class _Component:
 
 
 @attrs.frozen(eq=False)
-class _Part:
-    """One experiment, along orthonormal directions (k,) that the noise of its inputs moves the outputs in.
+class _Directions:
+    """Orthonormal directions (k,) in which the noise of the inputs of one experiment moves the outputs.
 
-    ``residual`` (k,) and ``slopes`` (k, n) are the residual and its derivatives by ``unknowns`` along these,
-    ``covariances`` (k, k) what each part of the noise adds at the power of the visible noise.
+    They are the ``causes`` (rows, m) times ``turn`` (m, k); ``covariances`` (k, k) are what each part of the noise
+    adds along them at the power of the visible noise.
+    """
+
+    causes: np.ndarray
+    turn: np.ndarray
+    covariances: Mapping[int, np.ndarray]
+
+    @classmethod
+    def of(cls, errors: ErrorsByInput, components: Sequence[_Component]) -> _Directions:
+        """Those of the errors of an experiment."""
+        causes = np.concatenate([one.causes for one in errors.values()], axis=1)
+        squares, turn = np.linalg.eigh(causes.T @ causes)
+        kept = squares > max(NEGLIGIBLE / max(one.most for one in components), 1e-12 * squares[-1])
+        sizes, turn = np.sqrt(squares[kept]), turn[:, kept]
+        covariances, first = dict[int, np.ndarray](), 0
+        for name, one in errors.items():
+            count = one.causes.shape[1]
+            mine = turn[first : first + count] * sizes
+            for k, component in enumerate(components):
+                if component.input == name:
+                    covariances[k] = mine.T @ component.covariance(count, one.distance) @ mine
+            first += count
+        return cls(causes, turn / sizes, covariances)
+
+    def part(self, values: np.ndarray, unknowns: np.ndarray) -> _Part:
+        """Residuals and their derivatives by unknowns, ``values`` (rows, 1 + n), along the directions."""
+        along = self.turn.T @ (self.causes.T @ values)
+        return _Part(along[:, 0], along[:, 1:], unknowns, self.covariances)
+
+
+@attrs.frozen(eq=False)
+class _Part:
+    """The residual (k,) of one experiment along its directions, its derivatives ``slopes`` (k, n) by ``unknowns``.
+
+    ``covariances`` are those of the directions.
     """
 
     residual: np.ndarray
@@ -147,15 +182,15 @@ class _Sums:
         return square, logarithm
 
 
-def likelihood(model: Model, errors: Mapping[int, ErrorsByInput]) -> Likelihood:
+def likelihood(model: Model, errors: ErrorsOfInputs) -> Likelihood:
     """How likely the residuals of a model are beside noise of inputs of the most likely spectrum.
 
-    ``errors`` are by number of the experiment. The unknowns move to where the residuals are most likely beside it, as
+    The unknowns move to where the residuals are most likely beside it, as
     far as the outputs are linear in them.
     Source: Zhou, Hu, Zhou and Lange, MM algorithms for variance components models, J. Comput. Graph. Stat. 28 (2019).
     """
-    components = _components(errors)
-    sums, most = _sums(model, errors, components), np.array([one.most for one in components])
+    components, sums = errors.components, _sums(model, errors.directions)
+    most = np.array([one.most for one in components])
     least = np.array([one.least for one in components])
     power, move = np.minimum(1.0, most), np.zeros(len(model.theta))
     for _ in range(ITERATIONS):
@@ -204,7 +239,7 @@ def _components(errors: Mapping[int, ErrorsByInput]) -> list[_Component]:
     return found
 
 
-def _sums(model: Model, errors: Mapping[int, ErrorsByInput], components: Sequence[_Component]) -> _Sums:
+def _sums(model: Model, directions: Mapping[int, _Directions]) -> _Sums:
     """What the estimate needs of all experiments."""
     rows, r, parts = model.problem.rows, model.differences, list[_Part]()
     normal, slope = np.zeros((len(model.theta),) * 2), np.zeros(len(model.theta))
@@ -214,27 +249,9 @@ def _sums(model: Model, errors: Mapping[int, ErrorsByInput], components: Sequenc
         J = np.where(np.isfinite(J), J, 0.0)
         normal[np.ix_(block.columns, block.columns)] += J.T @ J
         slope[block.columns] += J.T @ r[rows[e]]
-        if e in errors:
-            parts.append(_part(errors[e], components, np.column_stack([r[rows[e]], J]), block.columns))
+        if e in directions:
+            parts.append(directions[e].part(np.column_stack([r[rows[e]], J]), block.columns))
     return _Sums(parts, normal, slope, float(r @ r), len(r))
-
-
-def _part(errors: ErrorsByInput, components: Sequence[_Component], values: np.ndarray, unknowns: np.ndarray) -> _Part:
-    """What the estimate needs of one experiment; ``values`` (rows, 1 + n) are its residuals and their derivatives."""
-    causes = np.concatenate([one.causes for one in errors.values()], axis=1)
-    squares, turn = np.linalg.eigh(causes.T @ causes)
-    kept = squares > max(NEGLIGIBLE / max(one.most for one in components), 1e-12 * squares[-1])
-    sizes, turn = np.sqrt(squares[kept]), turn[:, kept]
-    along = (turn / sizes).T @ (causes.T @ values)
-    covariances, first = dict[int, np.ndarray](), 0
-    for name, one in errors.items():
-        count = one.causes.shape[1]
-        mine = turn[first : first + count] * sizes
-        for k, component in enumerate(components):
-            if component.input == name:
-                covariances[k] = mine.T @ component.covariance(count, one.distance) @ mine
-        first += count
-    return _Part(along[:, 0], along[:, 1:], unknowns, covariances)
 
 
 @attrs.frozen(eq=False)
@@ -248,8 +265,18 @@ class ErrorsOfInputs:
         """Whether any input is noisy."""
         return bool(self.by_experiment)
 
+    @functools.cached_property
+    def components(self) -> Sequence[_Component]:
+        """The parts that the noise of the inputs may have."""
+        return _components(self.by_experiment)
+
+    @functools.cached_property
+    def directions(self) -> Mapping[int, _Directions]:
+        """The directions in which it moves the outputs, by number of the experiment."""
+        return {e: _Directions.of(one, self.components) for e, one in self.by_experiment.items()}
+
     def likelihood(self, model: Model) -> Likelihood:
         """That of a model, which is found once."""
         if model not in self._known:
-            self._known[model] = likelihood(model, self.by_experiment)
+            self._known[model] = likelihood(model, self)
         return self._known[model]

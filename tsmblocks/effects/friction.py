@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import attrs
 
@@ -48,6 +48,11 @@ def _of_speed(effect: Effect) -> Effect:
         variant=", ".join(filter(None, (effect.variant, "speed"))),
         sizes=tuple(map(_size_of_speed, effect.sizes)),
     )
+
+
+def _and_of_speed(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Each effect, and behind it the same where a speed is measured."""
+    return tuple(variant for effect in effects for variant in (effect, _of_speed(effect)))
 
 
 def _size_of_speed(size: Size) -> Size:
@@ -276,11 +281,7 @@ FRICTION_CHANGE = Effect(
         in_proportion("time", "from.change.time", "s"),
     ),
 )
-EFFECTS = tuple(variant for effect in POSITION_EFFECTS for variant in (effect, _of_speed(effect)))
+EFFECTS = _and_of_speed(POSITION_EFFECTS)
 """All friction effects, each for a position and then for a speed, so that variants of one name are neighbours."""
-CHANGES = tuple(
-    variant
-    for effect in (FRICTION_CHANGE, separate(FRICTION_CHANGE, "from.change.time"))
-    for variant in (effect, _of_speed(effect))
-)
+CHANGES = _and_of_speed((FRICTION_CHANGE, separate(FRICTION_CHANGE, "from.change.time")))
 """Frictions that change at an instant."""
