@@ -103,12 +103,19 @@ def test_an_effect_that_explains_a_part_of_a_predictable_error_is_not_named():
     assert found.worst.predictable[0] > 0.1
 
 
-@pytest.mark.parametrize(("loss", "varies"), [(2.0, False), (2.5, True)])
-def test_a_factor_varies_only_in_more_than_noise(loss, varies):
-    """A noise floor of 2: a residual up to a fifth above it may be input noise that was filtered."""
+@pytest.mark.parametrize(
+    ("loss", "from_inputs", "share", "varies"),
+    [(2.0, False, 0.9, False), (2.5, False, 0.3, True), (2.5, True, 0.3, False), (2.5, True, 0.6, True)],
+)
+def test_a_factor_varies_only_in_more_than_noise(loss, from_inputs, share, varies):
+    """A noise floor of 2: a residual up to a fifth above it may be input noise that was filtered.
+
+    Where noise of the inputs would explain the residual, only a factor that predicts half of it or more is told.
+    """
     part = SimpleNamespace(
         losses=[5.0, loss],
         search=SimpleNamespace(noise=SimpleNamespace(low=2.0)),
-        varying=SimpleNamespace(material=True),
+        varying=SimpleNamespace(material=True, share=share),
+        is_noise_of_inputs=from_inputs,
     )
     assert DiagnosedPart.varies.fget(part) is varies
