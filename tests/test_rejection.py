@@ -18,6 +18,7 @@ def candidate(name="lag", loss=1.2, *, bounds=(), untenable="", contains=(), par
     effect = SimpleNamespace(name=name, contains=frozenset(contains), family="delay", free=("size",), local=())
     return SimpleNamespace(
         candidate=SimpleNamespace(effect=effect),
+        model=SimpleNamespace(r=np.full(4, loss)),
         disqualifying_bounds=bounds,
         tenable=not untenable,
         untenable=untenable,

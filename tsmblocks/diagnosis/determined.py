@@ -41,7 +41,7 @@ def redundant_parameters(model: Model, base: Model) -> tuple[str, ...]:
     """
     names, known = model.problem.unknowns.names, set(base.problem.unknowns.names)
     null_of_base, local = directions_without_effect(base), base.is_local
-    alone = np.linalg.norm(null_of_base, axis=1) > ALONE
+    alone = np.linalg.norm(np.linalg.qr(null_of_base)[0], axis=1) > ALONE
     idle = {name for name, own in zip(base.problem.unknowns.names, local & alone, strict=True) if own}
     found, null = _held_back(base, null_of_base, known), directions_without_effect(model)
     found += _held_back(model, null, idle, idle)

@@ -337,7 +337,7 @@ def _context(ready: Prepared, predicted: Evidence, progress: ProgressCallback) -
     data = ready.records, ready.settings, request.effects
     exceeds = functools.partial(exceeds_noise, lambda: ready.errors_of_inputs)
     checks = ready.check, ready.check_named, exceeds
-    return SearchContext(*data, blocks, noise, progress, line, removed, kept, *checks)
+    return SearchContext(*data, blocks, noise, progress, line, removed, kept, *checks, ready.part.diagram.parameters)
 
 
 def _revised(

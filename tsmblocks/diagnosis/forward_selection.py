@@ -31,6 +31,7 @@ from tsmblocks.diagnosis.noise_filtering import filters_noise
 from tsmblocks.diagnosis.oscillation import comes_back_with_motion, follows_motion, is_oscillation, repeats_another
 from tsmblocks.diagnosis.own_parameters import at_own_parameters, is_rough
 from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, refined_fits
+from tsmblocks.diagnosis.same_outputs import nearest_first
 from tsmblocks.diagnosis.screened_candidates import BADLY_PREDICTED, chosen_candidates, screened_candidates
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
@@ -88,7 +89,8 @@ def search_round(
 
     def decided(fits: Sequence[FittedCandidate]) -> Verdict:
         found = decide(losses[0], fits, search.blocks, noise_variance, search.settings.seed)
-        return with_distances_first(found, losses[0], search.blocks, search.only_frequency)
+        found = with_distances_first(found, losses[0], search.blocks, search.only_frequency)
+        return nearest_first(found, search.given)
 
     verdict = _beside_noise(decided, fitted, lambda one: search.exceeds_noise(model, one, len(scores)))
     return SearchRound(model, *losses, tuple(scores), verdict, multiplicity=multiplicity)

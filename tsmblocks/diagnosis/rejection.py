@@ -18,6 +18,7 @@ from tsmblocks.diagnosis.decision import (
 )
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.fitted_candidate import FROM_INPUTS, FittedCandidate
+from tsmblocks.diagnosis.same_outputs import is_same_in_outputs
 from tsmblocks.diagnosis.search_rounds import SearchRound
 
 INDISTINGUISHABLE = "indistinguishable"
@@ -77,7 +78,14 @@ def why_named(named: FittedCandidate, indistinguishable: Sequence[FittedCandidat
         return f"{named.candidate.effect.name} is named because the model with it has the fewest parameters."
     if all(named.loss <= one.loss for one in others):
         return f"{named.candidate.effect.name} is named because it leaves the least error on held-out data."
-    if all(named.loss <= one.loss for one in others if one.parameter_count <= count):
+    lower = [one for one in others if one.loss < named.loss and one.parameter_count <= count]
+    if lower and all(is_same_in_outputs(one, named) for one in lower):
+        same = listed(list(dict.fromkeys(one.candidate.effect.name for one in lower)), 3)
+        return (
+            f"{named.candidate.effect.name} is named because with it the parameters of the model are nearest to those "
+            f"of the diagram; the outputs are the same as with {same}."
+        )
+    if not lower:
         few = "of those with as few parameters it leaves the least error on held-out data"
         return f"{named.candidate.effect.name} is named because {few}."
     return f"{named.candidate.effect.name} was named before the others were in the model, as the simplest or the best."

@@ -62,7 +62,7 @@ class SearchContext:
     filtered out of each input, ``noise_left`` that of inputs out of which none was. ``check`` raises OtherCommands
     where a model with effects shows inputs to be commands, and ``check_named`` where a command explains as much as an
     effect that was named. ``exceeds_noise`` is whether an effect that was chosen among so many candidates, beside the
-    model before it, is more than noise of the inputs explains.
+    model before it, is more than noise of the inputs explains. ``given`` are the parameters of the diagram.
     """
 
     records: Mapping[str, Record]
@@ -77,6 +77,7 @@ class SearchContext:
     check: Callable[[Model], None] = lambda _: None
     check_named: Callable[[Model, FittedCandidate], None] = lambda *_: None
     exceeds_noise: Callable[[Model, FittedCandidate, int], bool] = lambda *_: True
+    given: Mapping[str, float] = attrs.field(factory=dict)
 
     def tried_as(self, candidate: Candidate) -> Effect | Relative:
         """The effect that was searched for, from which a candidate was made: of a replacement, the relative."""
