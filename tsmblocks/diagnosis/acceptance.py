@@ -28,6 +28,9 @@ MIN_SHARE_BESIDE = 1e-3
 """Share of all that was removed, in every output, below which that holds however large it is beside the noise. Chosen:
 the smoothed sign of a friction leaves more of a mechanism that sticks, where the noise is a hundred thousandth of the
 motion."""
+TINY_SHARE = 0.01
+"""Share of all that was removed, below which a further effect that is small beside the noise too is accepted only where
+it is clearly significant, of time or not. Chosen: a tenth of the error. A stop that is met a few times leaves events."""
 MAX_HARM_SHARE = 0.5
 """Rise of the loss of experiments held out whole, over the fall of that of blocks, up to which a further effect is
 accepted that has the same size in all of them. Chosen: one that is there lowers both, and an error of form does not
@@ -44,7 +47,8 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     together remove ``MIN_JOINT_SHARE``. A further one is accepted if it removes a material share of the remaining
     excess and is no mere error of form of those before: such errors are small beside the noise and beside what was
     removed, or next to nothing beside that, and depend on the motion where those before do, or on time. One that leaves
-    noise only is accepted all the same where it is clearly significant and no second effect of the same name. Several
+    noise only is accepted all the same where it is clearly significant and no second effect of the same name; a tiny one
+    of another kind only where it is clearly significant. Several
     further ones are accepted that together remove ``MIN_JOINT_SHARE`` of what remained, more than errors of form do.
     Beside slow noise the first one may be a wandering of that, if it is one of time, or several of time may be: what
     they leave above the noise floor counts as well, so that they have to be larger than the slow noise.
@@ -71,10 +75,10 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
         elif not _carries_over(rounds, count, k, search):
             continue
         elif count == k - 1 and share_of_rest >= (MIN_FURTHER_SHARE if large else MIN_EXCESS_SHARE):
-            small = removed < MIN_SHARE_OF_REMOVED * (before - losses[k])
-            complete = share_of_rest >= MIN_JOINT_SHARE
-            large = large and _is_beside(rounds, k, removed / (before - losses[k]))
-            count = k if large or not (small and _is_error_of_form(rounds, k - 1, complete)) else count
+            share, complete = removed / (before - losses[k]), share_of_rest >= MIN_JOINT_SHARE
+            large = large and _is_beside(rounds, k, share)
+            small = share < MIN_SHARE_OF_REMOVED and _is_error_of_form(rounds, k - 1, complete, share < TINY_SHARE)
+            count = k if large or not small else count
         elif count < k - 1:  # with those in between that were not accepted alone
             together = losses[count] - losses[k]
             material = together >= MIN_SHARE_OF_REMOVED * (before - losses[k])
@@ -112,11 +116,14 @@ def _is_beside(rounds: Sequence[SearchRound], k: int, share: float) -> bool:
     return bool(((removed >= 1) & (of > 0) & (removed >= MIN_SHARE_BESIDE * of)).any())
 
 
-def _is_error_of_form(rounds: Sequence[SearchRound], k: int, complete: bool) -> bool:
-    """Whether a small effect of round ``k`` is an error of form of those before; ``complete``: it leaves noise only."""
-    if not _is_like_those_before(rounds, k):
-        return False
+def _is_error_of_form(rounds: Sequence[SearchRound], k: int, complete: bool, tiny: bool) -> bool:
+    """Whether a small effect of round ``k`` is an error of form of those before.
+
+    ``complete``: it leaves noise only; ``tiny``: it removes next to nothing beside them.
+    """
     clear = rounds[k].verdict.significance >= CLEAR_SIGNIFICANCE
+    if not _is_like_those_before(rounds, k):
+        return tiny and not clear
     return not (complete and clear) or _is_named_before(rounds, k)
 
 
