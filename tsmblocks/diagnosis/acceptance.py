@@ -29,8 +29,8 @@ MIN_SHARE_BESIDE = 1e-3
 the smoothed sign of a friction leaves more of a mechanism that sticks, where the noise is a hundred thousandth of the
 motion."""
 TINY_SHARE = 0.01
-"""Share of all that was removed, below which a further effect that is small beside the noise too is accepted only where
-it is clearly significant, of time or not. Chosen: a tenth of the error. A stop that is met a few times leaves events."""
+"""Share of all that was removed, below which a further effect that is small beside the noise has to be clearly
+significant, of time or not. Chosen: a tenth of the error. A stop that is met a few times leaves events."""
 MAX_HARM_SHARE = 0.5
 """Rise of the loss of experiments held out whole, over the fall of that of blocks, up to which a further effect is
 accepted that has the same size in all of them. Chosen: one that is there lowers both, and an error of form does not
@@ -47,9 +47,9 @@ def accepted_count(rounds: Sequence[SearchRound], search: SearchContext) -> int:
     together remove ``MIN_JOINT_SHARE``. A further one is accepted if it removes a material share of the remaining
     excess and is no mere error of form of those before: such errors are small beside the noise and beside what was
     removed, or next to nothing beside that, and depend on the motion where those before do, or on time. One that leaves
-    noise only is accepted all the same where it is clearly significant and no second effect of the same name; a tiny one
-    of another kind only where it is clearly significant. Several
-    further ones are accepted that together remove ``MIN_JOINT_SHARE`` of what remained, more than errors of form do.
+    noise only is accepted all the same where it is clearly significant and no second effect of the same name. A tiny
+    one of another kind has to be clearly significant as well. Several further ones are accepted that together remove
+    ``MIN_JOINT_SHARE`` of what remained, more than errors of form do.
     Beside slow noise the first one may be a wandering of that, if it is one of time, or several of time may be: what
     they leave above the noise floor counts as well, so that they have to be larger than the slow noise.
 

@@ -31,15 +31,21 @@ class ControlLoop:
 def control_loops(diagram: Diagram, source: str, named: Collection[str]) -> Iterator[ControlLoop]:
     """The control loops in which the signal ``source`` is fed back as it is, or through blocks that were ``named``.
 
-    A sum whose result a spring makes into a force is the deflection of that spring, and no control error.
+    A sum whose result a spring makes into a force is the deflection of that spring, and no control error. Neither is a
+    sum in which the reference is taken from what is fed back: a loss to the surroundings is driven by that.
     """
     head = source.partition(".")[0]
     for error, block in diagram.blocks.items():
         if not isinstance(block, Sum) or head not in blocks_behind(diagram, error) or is_elastic(diagram, error):
             continue
         fed_back = [k for k in _ports(diagram, error) if in_front(diagram, source_of(diagram, k), named)[0] == source]
-        if has_reference(diagram, error, head) and len(fed_back) == 1:
+        if has_reference(diagram, error, head) and len(fed_back) == 1 and not _is_loss(block, fed_back[0]):
             yield ControlLoop(error, fed_back[0], tuple(_commands(diagram, error, head)))
+
+
+def _is_loss(difference: Sum, port: str) -> bool:
+    """Whether the signal at a port counts positive in a difference, as a level does in what drives its loss."""
+    return port.rpartition(".")[2].startswith("plus") and "-" in difference.signs
 
 
 def has_reference(diagram: Diagram, block: str, output: str = "") -> bool:

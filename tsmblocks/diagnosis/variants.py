@@ -32,6 +32,7 @@ VARIANT_WORDS = {
     "middle and ends": "the slope differs between the middle of the range and its ends",
     "soft": "with a gradual transition",
     "soft drive": "with a gradual transition, on the signal that drives the plant",
+    "free centre": "about a centre that is fitted; it may be outside of the range",
     "two levels": "a level for each direction",
     "two harmonics": "with a part of twice the frequency",
     "parallel": "driven by the input and added to the output of the model",

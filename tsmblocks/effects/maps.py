@@ -29,6 +29,8 @@ from tsmblocks.effects.variants import in_front, on_branch
 CURVATURE_SHARE = 0.02
 """Trial deviation from a straight line at the ends, as a share of half the range. Chosen."""
 
+FARTHEST_CENTRE = 4.0
+"""Distance of the centre of a curve from the range, at most [half the range]. Chosen: farther off it is a slope."""
 MIN_PERIODS = 1.15
 """Periods of a ripple in the range of motion, at least. Chosen: fewer are a nonlinear characteristic."""
 MAX_PERIODS = {2: 40.0, 4: 20.0}
@@ -125,6 +127,13 @@ def _even_trials(scales: Scales) -> Trials:
     reach = scales.wire.reach
     size = {"quadratic": CURVATURE_SHARE / reach, "quartic": CURVATURE_SHARE / reach**3}
     return Trials(size, fixed={"centre": scales.wire.middle})
+
+
+def _curved_trials(scales: Scales) -> Trials:
+    low, high, reach = scales.wire.low, scales.wire.high, scales.wire.reach
+    shapes = tuple({"centre": low + share * (high - low)} for share in (0.0, 0.5, 1.0))
+    farthest = FARTHEST_CENTRE * reach
+    return Trials({"quadratic": CURVATURE_SHARE / reach}, shapes, bounds={"centre": (low - farthest, high + farthest)})
 
 
 def _odd_trials(scales: Scales) -> Trials:
@@ -278,6 +287,22 @@ EVEN = Effect(
     separates="a slow ramp over the full range",
     sizes=(BENT_AT_ENDS,),
 )
+CURVED = attrs.evolve(
+    EVEN,
+    words="a characteristic whose slope changes steadily over the range (as of a loss by radiation)",
+    null={"quadratic": 0.0},
+    free=("quadratic", "centre"),
+    trials=_curved_trials,
+    variant="free centre",
+    sizes=(
+        BENT_AT_ENDS,
+        Size(
+            "slope at the upper end less that at the lower",
+            lambda p, scales: PERCENT * 2 * p["quadratic"] * (scales.wire.high - scales.wire.low),
+            "%",
+        ),
+    ),
+)
 RIPPLE = Effect(
     "position_ripple",
     "map",
@@ -337,6 +362,7 @@ EFFECTS = (
     EVEN,
     in_front(EVEN),
     on_branch(EVEN),
+    on_branch(CURVED),
     ODD,
     in_front(ODD),
     on_branch(ODD),
