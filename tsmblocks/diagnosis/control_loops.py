@@ -1,4 +1,4 @@
-"""Control loops of a diagram: where a measured output is compared with a reference, and the wires from there on."""
+"""Differences in a diagram: control errors, with the wires from there on, and deflections of elastic parts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import attrs
 
 from tsmblocks.blocks import Sum
 from tsmblocks.common.units import is_one_of, parse
-from tsmblocks.diagnosis.signal_paths import blocks_behind, source_of
+from tsmblocks.diagnosis.signal_paths import FORCE_TO_POSITION, blocks_behind, integration_count, source_of
 from tsmblocks.model.diagram import Diagram
 
 ELASTIC_DIMENSIONS = {parse(unit).dimension for unit in ("N", "N*m", "m/s^2", "rad/s^2")}
@@ -63,6 +63,25 @@ def is_elastic(diagram: Diagram, difference: str) -> bool:
     readers = {x.target[0] for x in diagram.links if x.source[0] == difference}
     units = (diagram.unit(f"{head}.y") for head in readers if "y" in diagram.blocks[head].outports)
     return any(is_one_of(unit, ELASTIC_DIMENSIONS) for unit in units)
+
+
+def is_deflection(diagram: Diagram, block: str, port: str) -> bool:
+    """Whether a block takes a signal that a force at ``port`` moves from another such signal, or from an input.
+
+    It is a difference of positions, or the integral of one of speeds. A difference from an input that becomes a
+    command, and no force, is a control error.
+    """
+    difference, least = block, FORCE_TO_POSITION
+    into = [x for x in diagram.links if x.target[0] == block]
+    if not isinstance(diagram.blocks[block], Sum) and len(into) == 1:
+        difference, least = into[0].source[0], FORCE_TO_POSITION - 1
+    if not isinstance(diagram.blocks[difference], Sum):
+        return False
+    ends = [".".join(x.source) for x in diagram.links if x.target[0] == difference]
+    inputs = sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)
+    moved = (integration_count(diagram, end, before=port, after="") >= least for end in ends)
+    elastic = is_elastic(diagram, block) or not has_reference(diagram, difference)
+    return len(ends) + inputs > 1 and all(moved) and elastic
 
 
 def in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.model import Model
 
-LARGE_ERROR = 25.0
+LARGE_ERROR = 4.0
 """Mean square of a residual [that of the noise] beside which a parameter far from its first value is in doubt. Chosen:
-an error of five times the noise is a model error, and parameters compensate for what they can of it."""
+an error of twice the noise is a model error, and parameters compensate for what they can of it."""
 MAX_FACTOR = 3.0
 """Ratio of a fitted value to the first one, or its inverse, up to which it is near. Chosen: a data sheet is better."""
 FAR = 1.5

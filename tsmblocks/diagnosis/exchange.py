@@ -15,11 +15,14 @@ from tsmblocks.diagnosis.decision import (
     mean_loss,
 )
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
-from tsmblocks.diagnosis.forward_selection import MAX_EFFECTS, forward_search, search_round
+from tsmblocks.diagnosis.forward_selection import forward_search, search_round
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.next_base import next_base
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.effects import Effect, Relative
+
+MAX_EXCHANGES = 2
+"""Effects that are exchanged for others, at most. Chosen: for the run time; where more change, none is there."""
 
 
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
@@ -29,7 +32,7 @@ def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> li
     others, or another one. Each round but the last is repeated beside the effects of all the others.
     """
     rounds = list(rounds)
-    for _ in range(MAX_EFFECTS):
+    for _ in range(MAX_EXCHANGES):
         count = accepted_count(rounds, search)
         for k in range(count - 1):
             better = _repeated_beside_others(rounds, k, count, search)

@@ -28,7 +28,13 @@ from tsmblocks.diagnosis.general_forms import generalized
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.next_base import next_base
 from tsmblocks.diagnosis.noise_filtering import filters_noise
-from tsmblocks.diagnosis.oscillation import comes_back_with_motion, follows_motion, is_oscillation, repeats_another
+from tsmblocks.diagnosis.oscillation import (
+    comes_back_with_motion,
+    follows_motion,
+    is_of_a_tone,
+    is_oscillation,
+    repeats_another,
+)
 from tsmblocks.diagnosis.own_parameters import at_own_parameters, is_rough
 from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, refined_fits
 from tsmblocks.diagnosis.same_outputs import nearest_first
@@ -142,7 +148,8 @@ def _why_untenable(
 
     ``by_motion`` is what the motion predicts of the same sum of squares.
     """
-    if follows_motion(fitted, candidate) and gain < MIN_GAIN_BESIDE_MOTION * by_motion():
+    of_motion = follows_motion(fitted, candidate)
+    if gain < MIN_GAIN_BESIDE_MOTION * by_motion() if of_motion else is_of_a_tone(fitted, candidate):
         yield "its frequency is that of the motion"
     if is_oscillation(candidate) and comes_back_with_motion(fitted, candidate):
         yield "it comes back with the motion"

@@ -8,7 +8,7 @@ import attrs
 
 from tsmblocks.blocks import Bias, Gain, Sum
 from tsmblocks.common.units import is_one_of, parse
-from tsmblocks.diagnosis.control_loops import control_loops, has_reference, in_front, is_elastic
+from tsmblocks.diagnosis.control_loops import control_loops, in_front, is_deflection
 from tsmblocks.diagnosis.direction import moves_backwards
 from tsmblocks.diagnosis.signal_paths import (
     FORCE_TO_POSITION,
@@ -348,8 +348,8 @@ def _inside_the_transmission(diagram: Diagram, output: str, source: str) -> Iter
     """Wires inside the model that have a position: from one part of a transmission to the next.
 
     Either nothing acts back on what moves the wire, and it has dynamics on both of its sides (``"transmission"``), or
-    it is the difference of two positions of which one depends on it, and the other does so too or is an input: the
-    deflection of an elastic part (``"deflection"``).
+    it is the difference of two positions, or the integral of that of two speeds, of which one depends on it, and the
+    other does so too or is an input: the deflection of an elastic part (``"deflection"``).
     """
     for port in upstream_ports(diagram, diagram.shown[output][0]):
         signal = source_of(diagram, port)
@@ -361,7 +361,7 @@ def _inside_the_transmission(diagram: Diagram, output: str, source: str) -> Iter
             dynamic = max(before, default=0) > 0 and 0 not in before
             if dynamic and integration_count(diagram, output, before=port, after="") > 0:
                 yield InsertionPoint("transmission", output, signal, before=port)
-        elif _is_deflection(diagram, head, port):
+        elif is_deflection(diagram, head, port):
             yield InsertionPoint("deflection", output, signal, before=port)
 
 
@@ -376,15 +376,3 @@ def _along_a_deflection(
     for point in inside:
         if drive and point.place == "deflection" and point.signal.partition(".")[0] in moved:
             yield _against_motion("load", output, diagram, drive, point.signal)
-
-
-def _is_deflection(diagram: Diagram, difference: str, port: str) -> bool:
-    """Whether the block ``difference`` takes a signal that a force at ``port`` moves from another, or from an input.
-
-    A difference from an input that becomes a command, and no force, is a control error.
-    """
-    ends = [".".join(x.source) for x in diagram.links if x.target[0] == difference]
-    inputs = sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)
-    moved = (integration_count(diagram, end, before=port, after="") >= FORCE_TO_POSITION for end in ends)
-    elastic = is_elastic(diagram, difference) or not has_reference(diagram, difference)
-    return isinstance(diagram.blocks[difference], Sum) and len(ends) + inputs > 1 and all(moved) and elastic

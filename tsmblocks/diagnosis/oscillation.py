@@ -8,11 +8,15 @@ import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.fitting.experiments import Experiment
 
 MAX_HARMONIC = 8
 """Harmonics of the motion that are looked at. Chosen: higher ones of friction and gaps are below a hundredth."""
 MIN_LINE_SHARE = 0.1
 """Share of an input's variance at one frequency from which that is a frequency of the motion. Chosen."""
+LINE_RATIO, LEAST_LINE = 20.0, 1e-4
+"""Share of an input's variance at one frequency, over those beside it, from which that is a line of the input, and such
+a share at least. Chosen: noise exceeds it once in 10^8; less moves nothing that is seen."""
 FREQUENCIES = 41
 """Frequencies at which a line of the motion is looked for, over twice the resolution. Chosen: a twentieth of it."""
 
@@ -38,10 +42,23 @@ def follows_motion(model: Model, candidate: Candidate) -> bool:
     A model error that is a function of the motion has these frequencies. An oscillation of the time explains it as
     well as long as the motion keeps its phase, and not in another recording.
     """
-    unknowns = zip(model.problem.unknowns.items, model.theta, strict=True)
-    own = [v for item, v in unknowns if item.parameter in candidate.free and item.parameter.endswith(".frequency")]
     harmonics = range(1, MAX_HARMONIC + 1)
+    own = _frequencies(model, candidate)
     return any(_is_harmonic(model, name, f, k) for f in own for k in harmonics for name in model.diagram.inputs)
+
+
+def is_of_a_tone(model: Model, candidate: Candidate) -> bool:
+    """Whether the fitted frequency of an effect is that of a tone of an input, however small, as in a sum of sines.
+
+    A disturbance would hardly have just that frequency: the model has an error there.
+    """
+    return any(_is_tone(model, name, f) for f in _frequencies(model, candidate) for name in model.diagram.inputs)
+
+
+def _frequencies(model: Model, candidate: Candidate) -> list[float]:
+    """The fitted frequencies [Hz] of an effect."""
+    unknowns = zip(model.problem.unknowns.items, model.theta, strict=True)
+    return [v for item, v in unknowns if item.parameter in candidate.free and item.parameter.endswith(".frequency")]
 
 
 def comes_back_with_motion(model: Model, candidate: Candidate) -> bool:
@@ -107,15 +124,36 @@ def _sign_of_motion(model: Model, name: str, other_name: str) -> float:
     return signs.pop() if len(signs) == 1 else 0.0
 
 
+def _is_tone(model: Model, name: str, frequency: float) -> bool:
+    """Whether a frequency [Hz] is that of a line in the spectrum of an input in any experiment."""
+    for experiment in model.setup.experiments:
+        resolution = 1 / float(np.ptp(experiment.record.t))
+        near = frequency + resolution / 2 * np.linspace(-1, 1, FREQUENCIES)
+        beside = frequency + resolution * np.array([-6.0, -5.0, -4.0, -3.0, 3.0, 4.0, 5.0, 6.0])
+        line = max(_share_at(experiment, name, f) for f in near)
+        around = float(np.mean([_share_at(experiment, name, f) for f in beside if f > 0]))
+        if line > max(LEAST_LINE, LINE_RATIO * around):
+            return True
+    return False
+
+
+def _share_at(experiment: Experiment, name: str, frequency: float) -> float:
+    """The share of an input's variance at one frequency [Hz] in an experiment."""
+    explained, total = _at_frequency(experiment, name, frequency)
+    return explained / total if total > 0 else 0.0
+
+
 def _line_share(model: Model, name: str, frequency: float) -> float:
     """The share of an input's variance at one frequency [Hz], over all experiments."""
-    explained = total = 0.0
-    for experiment in model.setup.experiments:
-        t, x = experiment.record.t, experiment.record[name]
-        x = x - x.mean()
-        columns = np.stack([np.cos(2 * np.pi * frequency * t), np.sin(2 * np.pi * frequency * t)], axis=1)
-        columns -= columns.mean(axis=0)
-        rest = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]
-        explained += float(x @ x - rest @ rest)
-        total += float(x @ x)
-    return explained / total if total > 0 else 0.0
+    explained, total = np.sum([_at_frequency(one, name, frequency) for one in model.setup.experiments], axis=0)
+    return float(explained / total) if total > 0 else 0.0
+
+
+def _at_frequency(experiment: Experiment, name: str, frequency: float) -> tuple[float, float]:
+    """The squares of an input of an experiment that a sine of a frequency [Hz] explains, and all of them."""
+    t, x = experiment.record.t, experiment.record[name]
+    x = x - x.mean()
+    columns = np.stack([np.cos(2 * np.pi * frequency * t), np.sin(2 * np.pi * frequency * t)], axis=1)
+    columns -= columns.mean(axis=0)
+    rest = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]
+    return float(x @ x - rest @ rest), float(x @ x)

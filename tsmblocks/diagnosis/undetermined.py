@@ -23,6 +23,9 @@ from tsmblocks.effects import Effect, Relative
 
 MAX_TURNS = 2
 """Times that the search continues without an effect that was left out. Chosen: for the run time."""
+MAX_ROUNDS = 5
+"""Rounds of these searches after which it does not continue again. Chosen: for the run time; where so many name nothing
+that stays, the cause is hardly in the catalogue."""
 
 LeftOut = tuple[list[SearchRound], Model, Shrinkage]
 """The rounds of the effects that stay, the model with them, and their shrinkage."""
@@ -34,11 +37,11 @@ def without_undetermined(
     """Rounds in which every accepted effect is determined beside all the others, and those that were left out.
 
     Effects that were left out beside one that has no determined size itself are candidates again without that one, if
-    none is left.
+    none is left, and they were few.
     """
     left, omitted = _determined_rounds(rounds, search)
     alone = [one for one in omitted if one.reason == NO_SIZE]
-    if accepted_count(left, search) or not alone or len(alone) == len(omitted):
+    if accepted_count(left, search) or not alone or not len(alone) < len(omitted) <= MAX_TURNS:
         return left, omitted
     gone, again = [one.effect.candidate.effect for one in alone], list[SearchRound]()
     search = attrs.evolve(search, effects=[one for one in search.effects if all(_may_follow(one, x) for x in gone)])
@@ -56,7 +59,7 @@ def _determined_rounds(
     of several where parameters of the base are not determined any more. The search then continues without its name:
     the next best candidate is tried, which may be a simpler variant of the same effect.
     """
-    rounds, base, omitted = list(rounds), rounds[0].base, list[Omission]()
+    rounds, base, omitted, more = list(rounds), rounds[0].base, list[Omission](), 0
     for turn in itertools.count():  # each leaves one effect out, and only the first ones search for more
         accepted = rounds[: accepted_count(rounds, search)]
         named = [one.verdict.named for one in accepted if one.verdict.named is not None]
@@ -71,8 +74,10 @@ def _determined_rounds(
         omitted.append(Omission.of(rounds, outs[best], reason))
         gone, (rounds, model, shrinkage) = outs[best].candidate.effect, left[best]
         search = attrs.evolve(search, effects=[one for one in search.effects if _may_follow(one, gone)])
-        if turn < MAX_TURNS:
+        if turn < MAX_TURNS and more < MAX_ROUNDS:
+            more -= len(rounds)
             forward_search(model, shrinkage, search, rounds)
+            more += len(rounds)
         else:
             rounds.append(closing_round(model, shrinkage, search))
     return rounds, omitted

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Mapping
+
 import attrs
 
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.loop import BACKLASH, HYSTERESIS
 from tsmblocks.effects.maps import ODD, SOFT_DEAD_ZONE
-from tsmblocks.effects.sizes import in_proportion
+from tsmblocks.effects.sizes import PERCENT, Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 
 
@@ -25,6 +28,34 @@ def _gap_trials(scales: Scales) -> Trials:
     )
     around, softness = (middle - 10 * reach, middle + 10 * reach), (1e-4 * reach, 3 * reach)
     return Trials({}, shapes, bounds={"half_width": (0.0, 30 * reach), "centre": around, "softness": softness})
+
+
+def _stiffening_trials(scales: Scales) -> Trials:
+    """A spring that stiffens, by little or by many times over the range that the model without it deflects."""
+    reach, middle = scales.wire.reach, scales.wire.middle
+    unloaded = (0.0,) if scales.wire.low < 0 < scales.wire.high else ()
+    shapes = tuple(
+        {"cubic": share / reach**2, "quintic": 0.0, "centre": centre}
+        for centre in (*unloaded, middle)
+        for share in (-0.1, 0.1, 1.0, 10.0)
+    )
+    return Trials({}, shapes, bounds={"centre": (middle - 10 * reach, middle + 10 * reach)})
+
+
+def _stiffness_added(end: float, p: Mapping[str, float], scales: Scales) -> float:
+    """By how much a spring is stiffer at an end of its deflection than where it is not deflected [%]."""
+    away = scales.wire.middle + end * scales.wire.reach - p["centre"]
+    return PERCENT * (3 * p["cubic"] * away**2 + 5 * p["quintic"] * away**4)
+
+
+STIFFENING = attrs.evolve(
+    ODD,
+    trials=_stiffening_trials,
+    sizes=tuple(
+        Size(f"stiffness added at the {name} end", functools.partial(_stiffness_added, end), "%")
+        for name, end in (("upper", 1.0), ("lower", -1.0))
+    ),
+)
 
 
 def _inside(effect: Effect, words: str) -> Effect:
@@ -51,6 +82,6 @@ EFFECTS = (
     _inside(BACKLASH, "a backlash gap inside the transmission"),
     _inside(HYSTERESIS, "hysteresis inside the transmission"),
     _of_deflection(GAP, "a backlash gap in the elastic transmission"),
-    _of_deflection(ODD, "a stiffness that changes with the deflection"),
+    _of_deflection(STIFFENING, "a stiffness that changes with the deflection"),
     _of_deflection(HYSTERESIS, "hysteresis of the elastic transmission"),
 )
