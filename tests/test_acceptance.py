@@ -66,6 +66,19 @@ def test_a_small_second_effect_has_to_be_clearly_significant():
 
 
 @pytest.mark.parametrize(
+    ("before", "significance", "count"),
+    [
+        pytest.param(80.0, 1.5, 1, id="tiny beside the first and not clear"),
+        pytest.param(80.0, 2.5, 2, id="tiny beside the first, but clear"),
+        pytest.param(8.0, 1.5, 2, id="not so small beside the first"),
+    ],
+)
+def test_a_tiny_second_effect_of_another_kind_has_to_be_clearly_significant(before, significance, count):
+    """A stop that is met a few times, of another form than the block, leaves events that a change of time explains."""
+    assert accepted_count(rounds([before, 1.15, 1.0], [FRICTION, DRIFT], significance=significance), SEARCH) == count
+
+
+@pytest.mark.parametrize(
     ("losses", "count"),
     [
         pytest.param([3.1, 2.0, 1.85, 1.1], 3, id="together they remove nearly all of the rest"),

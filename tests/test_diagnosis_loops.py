@@ -60,6 +60,59 @@ def test_wires_of_a_control_loop():
     assert places(LOOP, "drive") == ["mass.y -> speed.u", "error.y -> controller.u", "controller.y -> amplifier.u"]
 
 
+TWO_INERTIAS = Diagram(
+    blocks={
+        "net": Sum(signs="+-"),
+        "motor": Gain(gain=430.0, unit="rad/s^2"),
+        "speed": Integrator(),
+        "rate": Sum(signs="+-"),
+        "twist": Integrator(),
+        "spring": Gain(gain=42.0, unit="N*m"),
+        "damper": Gain(gain=0.024, unit="N*m"),
+        "shaft": Sum(signs="++"),
+        "load": Gain(gain=190.0, unit="rad/s^2"),
+        "load_speed": Integrator(),
+    },
+    wires=[
+        "net -> motor -> speed -> rate.plus",
+        "load_speed -> rate.minus",
+        "rate -> twist -> spring -> shaft.plus1",
+        "rate -> damper -> shaft.plus2",
+        "shaft -> net.minus, load",
+        "load -> load_speed",
+    ],
+    inputs={"torque": Inlet("net.plus", unit="N*m")},
+    outputs={"v": "speed"},
+)
+
+
+def test_the_integral_of_a_difference_of_speeds_is_a_deflection():
+    assert places(TWO_INERTIAS, "deflection") == ["twist.y -> spring.u"]
+
+
+def test_a_coupling_that_stiffens_is_found_in_its_deflection():
+    """By SciPy: the model without it is fitted with four times the acceleration, and its spring deflects otherwise."""
+    from scipy.integrate import solve_ivp
+
+    t = 0.002 * np.arange(2500)
+    torque = sum(0.25 * np.sin(2 * np.pi * f * t + 1.3 * k) for k, f in enumerate((0.4, 2.2, 6.8, 11.0, 17.0, 23.0)))
+
+    def rate(s, x):
+        turning, other, twist = x
+        shaft = 38 * twist * (1 + (twist / 0.012) ** 2) + 0.021 * (turning - other)
+        return [476 * (np.interp(s, t, torque) - shaft), 172 * shaft, turning - other]
+
+    v = solve_ivp(rate, (0.0, t[-1]), [0.0, 0.0, 0.0], t_eval=t, max_step=1e-3, rtol=1e-8, atol=1e-10).y[0]
+    v = v + 0.05 * np.random.default_rng(2).standard_normal(len(t))
+    record = tsm.Record("run", t, {"torque": torque, "v": v}, {"torque": "N*m", "v": "rad/s"})
+    found = tsm.diagnose(TWO_INERTIAS, record, effects=["odd_nonlinearity", "backlash", "periodic_disturbance"])
+    (effect,) = found.effects
+    assert (effect.name, effect.wire) == ("odd_nonlinearity", "twist.y -> spring.u")
+    fitted = found.augmented.parameters
+    for name, true in (("motor.gain", 476), ("load.gain", 172), ("spring.gain", 38)):
+        assert fitted[name] == pytest.approx(true, rel=0.1)
+
+
 def test_a_control_error_is_no_deflection():
     """What a spring makes of a difference is a force; a controller makes a command of it."""
     straight = LOOP.rewire(

@@ -7,7 +7,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks import blocks as b
-from tsmblocks.diagnosis.oscillation import repeats_another
+from tsmblocks.diagnosis.oscillation import is_of_a_tone, repeats_another
 
 REACH = np.pi / 4  # a signal with a range of a quarter turn
 
@@ -45,6 +45,24 @@ def test_without_a_scale_no_period_over_a_position_is_judged():
     model, one = model_and_candidate(b.Ripple, "cycles", 20.0, 20.0)
     one.scales = None
     assert not repeats_another(model, one)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "tone"),
+    [(7.31, True), (7.31 + 0.024, True), (7.31 + 0.11, False), (5.0, False), (0.31, True)],
+    ids=["small tone", "within half the resolution", "beside it", "elsewhere", "main tone"],
+)
+def test_an_oscillation_at_a_tone_of_the_input_is_no_disturbance(frequency, tone):
+    t = np.arange(0.0, 20.0, 0.01)
+    noise = 0.01 * np.random.default_rng(4).standard_normal(len(t))
+    u = np.sin(2 * np.pi * 0.31 * t) + 0.05 * np.sin(2 * np.pi * 7.31 * t + 1.0) + noise
+    item = SimpleNamespace(parameter="new.frequency")
+    problem = SimpleNamespace(unknowns=SimpleNamespace(items=[item]))
+    record = tsm.Record("run", t, {"u": u}, {"u": "V"})
+    setup = SimpleNamespace(experiments=[SimpleNamespace(record=record)])
+    diagram = SimpleNamespace(inputs={"u": None})
+    model = SimpleNamespace(problem=problem, theta=np.array([frequency]), setup=setup, diagram=diagram)
+    assert is_of_a_tone(model, SimpleNamespace(free=("new.frequency",))) is tone
 
 
 LAG = tsm.Diagram(

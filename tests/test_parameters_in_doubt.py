@@ -25,9 +25,10 @@ class Fitted:
         (-1.0, 100.0, ("J.gain (-1 for 1)",)),
         (4.0, 100.0, ("J.gain (4 for 1)",)),
         (2.5, 100.0, ()),
-        (0.2, 20.0, ()),
+        (4.0, 4.1, ("J.gain (4 for 1)",)),
+        (0.2, 3.9, ()),
     ],
-    ids=["small", "other sign", "large", "near", "beside a small error"],
+    ids=["small", "other sign", "large", "near", "beside twice the noise", "beside a small error"],
 )
 def test_far_from_the_diagram_beside_a_large_error(value, error, said):
     assert parameters_in_doubt(Fitted(J_gain=value, zero_gain=3.0), {"J.gain": 1.0, "zero.gain": 0.0}, error) == said

@@ -105,6 +105,75 @@ def test_the_outflow_of_a_tank_is_a_branch_and_the_spring_of_a_mass_is_none():
     assert not [p for p in insertion_points(mass, ["level"]) if p.place == "branch"]
 
 
+CHAMBER = Diagram(
+    title="Chamber that a heater warms",
+    blocks={
+        "heater_net": Sum(signs="+-"),
+        "heater_rate": Gain(gain=0.0013, unit="K/s"),
+        "heater": Integrator(),
+        "between": Sum(signs="+-"),
+        "coupling": Gain(gain=7.5, unit="W"),
+        "to_ambient": Sum(signs="+-"),
+        "wall": Gain(gain=6.0, unit="W"),
+        "chamber_net": Sum(signs="+-"),
+        "chamber_rate": Gain(gain=2.2e-4, unit="K/s"),
+        "chamber": Integrator(),
+    },
+    wires=[
+        "heater_net -> heater_rate -> heater -> between.plus",
+        "chamber -> between.minus, to_ambient.plus",
+        "between -> coupling -> heater_net.minus, chamber_net.plus",
+        "to_ambient -> wall -> chamber_net.minus",
+        "chamber_net -> chamber_rate -> chamber",
+    ],
+    inputs={"power": tsm.Inlet("heater_net.plus", unit="W"), "room": tsm.Inlet("to_ambient.minus", unit="K")},
+    outputs={"inside": "chamber"},
+)
+
+
+def test_a_loss_to_surroundings_that_are_measured_is_no_control_loop():
+    points = insertion_points(CHAMBER, ["inside"])
+    branches = {p.before for p in points if p.place == "branch"}
+    assert {"to_ambient.plus", "wall.u", "between.minus", "coupling.u"} <= branches
+    assert not [p for p in points if p.place == "loop"]
+    turned = CHAMBER.rewire(  # a reference less what is measured is a control error
+        cut=["chamber -> to_ambient.plus", "wall -> chamber_net.minus", "coupling -> chamber_net.plus"],
+        blocks={**CHAMBER.blocks, "chamber_net": Sum(signs="++")},
+        add=["chamber -> to_ambient.minus", "wall -> chamber_net.plus1", "coupling -> chamber_net.plus2"],
+        inputs={"power": "heater_net.plus", "room": "to_ambient.plus"},
+    )
+    assert [p for p in insertion_points(turned, ["inside"]) if p.place == "loop"]
+
+
+def test_radiation_of_a_chamber_is_a_loss_whose_slope_changes():
+    """By SciPy: beside the wall it loses 2e-8 W/K^4 of the fourth powers; the diagram's own parameters come right."""
+
+    def run(seed, hot, cold):
+        rng, t = np.random.default_rng(seed), 5.0 * np.arange(900)
+        power = np.repeat(rng.uniform(0, 620, 30), 30)
+        room = 294.0 + 2.5 * np.sin(2 * np.pi * t / 2900 + seed)
+
+        def rate(s, x):
+            k = min(int(s / 5.0), len(t) - 1)
+            surroundings = np.interp(s, t, room)
+            flow = 8.4 * (x[0] - x[1])
+            loss = 5.1 * (x[1] - surroundings) + 2e-8 * (x[1] ** 4 - surroundings**4)
+            return [(power[k] - flow) / 870, (flow - loss) / 5263]
+
+        found = solve_ivp(rate, (0.0, t[-1]), [hot, cold], t_eval=t, max_step=2.5, rtol=1e-8, atol=1e-8).y[1]
+        signals = {"power": power, "room": room, "inside": found + rng.normal(0, 0.05, t.size)}
+        return tsm.Record(f"run{seed}", t, signals, {"power": "W", "room": "K", "inside": "K"})
+
+    found = tsm.diagnose(CHAMBER, [run(1, 328.0, 320.0), run(2, 296.0, 299.0)], effects=FEW)
+    (effect,) = found.effects
+    assert (effect.name, effect.wire) == ("even_nonlinearity", "chamber.y -> to_ambient.plus")
+    fitted = found.augmented.parameters
+    for name, true in (("heater_rate.gain", 1 / 870), ("coupling.gain", 8.4), ("chamber_rate.gain", 1 / 5263)):
+        assert fitted[name] == pytest.approx(true, rel=0.2)
+    size = effect.sizes["slope at the upper end less that at the lower"]
+    assert 10 < size.low < size.high < 40
+
+
 def test_the_feedback_of_a_controller_is_no_branch_of_the_process():
     controlled = Diagram(
         blocks={
