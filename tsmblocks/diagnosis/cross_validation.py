@@ -110,10 +110,13 @@ def _held_out_columns(model: Model, held: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _projected(model: Model, columns: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Columns (N, m) with the columns of single experiments projected out, but for those of unknowns ``held`` (n,)."""
-    result = columns.copy()
+    """Columns (N, m) with the columns of single experiments projected out, but for those of unknowns ``held`` (n,).
+
+    Those at a bound are not free to make up for anything.
+    """
+    result, free = columns.copy(), ~held & ~model.at_bound
     for block in model.J.own_blocks():
-        others = block.values[:, ~held[block.columns]]
+        others = block.values[:, free[block.columns]]
         if others.size:
             left_vectors, size, _ = np.linalg.svd(others, full_matrices=False)
             basis = left_vectors[:, size > 1e-9 * max(float(size.max()), 1e-300)]
