@@ -337,8 +337,8 @@ def test_what_is_left_after_all_that_was_named_is_told():
     slow = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(left,)))
     assert (
         "falls from 0.520 to 0.170 deg rms. That is 1.7 times the noise floor of 0.100 deg (given), but no function "
-        "of the recorded signals that was tried predicts it on held-out data: it is slow noise, or a model error of a "
-        "form that was not tried."
+        "of the recorded signals that was tried predicts it on held-out data: it is noise of that spectrum, or a model error "
+        "of a form that was not tried."
     ) in slow
     assert "still" not in verdict_text.verdict_sentence(NAMED)
 

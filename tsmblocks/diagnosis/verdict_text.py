@@ -202,7 +202,7 @@ def slow_noise(segment: Segment) -> str:
         return f" {_that(gap)} {ratio} times the noise floor ({floor_text(gap)}): {cause}."
     return (
         f" {_that(gap)} {ratio} times the noise floor ({floor_text(gap)}), but "
-        f"{UNPREDICTED} on held-out data: slow noise of that size and a model error of a form that was not tried are "
+        f"{UNPREDICTED} on held-out data: noise of that size and spectrum and a model error of a form that was not tried are "
         "indistinguishable."
     )
 
@@ -320,7 +320,7 @@ def _noise_that_remains(gap: Gap, segment: Segment) -> str:
         return f"{_that(gap)} {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}): {cause}."
     return (
         f"{_that(gap)} {ratio:.1f} times the noise floor of {floor} ({floor_text(gap)}), but {UNPREDICTED} on "
-        "held-out data: it is slow noise, or a model error of a form that was not tried."
+        "held-out data: it is noise of that spectrum, or a model error of a form that was not tried."
     )
 
 

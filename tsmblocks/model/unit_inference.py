@@ -271,8 +271,8 @@ def unit_label(unit: units.Unit) -> str:
     for label in READABLE_LABELS:
         if _equal(units.parse(label), unit):
             return label
-    for name in units.NAMES:
-        for label in (f"{name}{then}" for then in ("", "/s", "/s^2", "*s", "/min", "/h", "*s/min", "*s/h")):
+    for then in ("", "/s", "/s^2", "*s", "/min", "/h", "*s/min", "*s/h"):  # watts are not newton metres in a second
+        for label in (f"{name}{then}" for name in units.NAMES):
             if _equal(units.parse(label), unit):
                 return label
     power = "*".join(k if n == 1 else f"{k}^{n}" for k, n in unit.dimension) or "1"
