@@ -202,8 +202,8 @@ def slow_noise(segment: Segment) -> str:
         return f" {_that(gap)} {ratio} times the noise floor ({floor_text(gap)}): {cause}."
     return (
         f" {_that(gap)} {ratio} times the noise floor ({floor_text(gap)}), but "
-        f"{UNPREDICTED} on held-out data: noise of that size and spectrum and a model error of a form that was not tried are "
-        "indistinguishable."
+        f"{UNPREDICTED} on held-out data: noise of that size and spectrum and a model error of a form that was not "
+        "tried are indistinguishable."
     )
 
 
