@@ -37,11 +37,11 @@ def without_undetermined(
     """Rounds in which every accepted effect is determined beside all the others, and those that were left out.
 
     Effects that were left out beside one that has no determined size itself are candidates again without that one, if
-    none is left, and they were few.
+    none is left.
     """
     left, omitted = _determined_rounds(rounds, search)
     alone = [one for one in omitted if one.reason == NO_SIZE]
-    if accepted_count(left, search) or not alone or not len(alone) < len(omitted) <= MAX_TURNS:
+    if accepted_count(left, search) or not alone or len(alone) == len(omitted):
         return left, omitted
     gone, again = [one.effect.candidate.effect for one in alone], list[SearchRound]()
     search = attrs.evolve(search, effects=[one for one in search.effects if all(_may_follow(one, x) for x in gone)])
