@@ -88,6 +88,19 @@ TWO_INERTIAS = Diagram(
 
 def test_the_integral_of_a_difference_of_speeds_is_a_deflection():
     assert places(TWO_INERTIAS, "deflection") == ["twist.y -> spring.u"]
+    controlled = Diagram(  # the integral part of a controller of the speed is none
+        blocks={
+            "error": Sum(signs="+-"),
+            "twist": Integrator(),
+            "spring": Gain(gain=42.0, unit="N*m"),
+            "motor": Gain(gain=430.0, unit="rad/s^2"),
+            "speed": Integrator(),
+        },
+        wires=["error -> twist -> spring -> motor -> speed -> error.minus"],
+        inputs={"reference": Inlet("error.plus", unit="rad/s")},
+        outputs={"v": "speed"},
+    )
+    assert places(controlled, "deflection") == []
 
 
 def test_a_coupling_that_stiffens_is_found_in_its_deflection():

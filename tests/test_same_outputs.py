@@ -52,6 +52,8 @@ def test_only_effects_of_as_many_parameters_that_may_be_named_are_compared():
     short = candidate("short", 2.0, RESIDUAL[:-1])
     assert nearest_first(verdict_on(creep, more, unfit, short), {"plant.gain": 2.0}).named is creep
     assert nearest_first(Verdict(), {"plant.gain": 2.0}).named is None
+    elsewhere = candidate("creep", 2.0)  # the same effect at another place
+    assert nearest_first(verdict_on(creep, elsewhere), {"plant.gain": 2.0}).named is creep
 
 
 def test_the_reason_says_that_outputs_are_the_same():

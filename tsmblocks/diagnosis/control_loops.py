@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 
 import attrs
 
-from tsmblocks.blocks import Sum
+from tsmblocks.blocks import Integrator, Sum
 from tsmblocks.common.units import is_one_of, parse
 from tsmblocks.diagnosis.signal_paths import FORCE_TO_POSITION, blocks_behind, integration_count, source_of
 from tsmblocks.model.diagram import Diagram
@@ -69,13 +69,14 @@ def is_deflection(diagram: Diagram, block: str, port: str) -> bool:
     """Whether a block takes a signal that a force at ``port`` moves from another such signal, or from an input.
 
     It is a difference of positions, or the integral of one of speeds. A difference from an input that becomes a
-    command, and no force, is a control error.
+    command, and no force, is a control error; so is one of speeds from an input, whatever its integral becomes.
     """
     difference, least = block, FORCE_TO_POSITION
-    into = [x for x in diagram.links if x.target[0] == block]
-    if not isinstance(diagram.blocks[block], Sum) and len(into) == 1:
-        difference, least = into[0].source[0], FORCE_TO_POSITION - 1
-    if not isinstance(diagram.blocks[difference], Sum):
+    into = [x.source[0] for x in diagram.links if x.target[0] == block]
+    if isinstance(diagram.blocks[block], Integrator) and into:
+        difference, least = into[0], FORCE_TO_POSITION - 1
+    of_speeds = difference != block
+    if not isinstance(diagram.blocks[difference], Sum) or (of_speeds and has_reference(diagram, difference)):
         return False
     ends = [".".join(x.source) for x in diagram.links if x.target[0] == difference]
     inputs = sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)

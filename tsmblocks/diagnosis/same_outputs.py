@@ -30,12 +30,14 @@ def nearest_first(verdict: Verdict, given: Mapping[str, float]) -> Verdict:
     named = verdict.named
     if named is None:
         return verdict
-    same = [one for one in verdict.indistinguishable if one.tenable and is_same_in_outputs(one, named)]
+    name = named.candidate.effect.name  # of places of one effect another rule chooses
+    others = [one for one in verdict.indistinguishable if one.tenable and one.candidate.effect.name != name]
+    same = [one for one in others if is_same_in_outputs(one, named)]
     nearest = min(same, key=lambda one: _distance(one, given), default=named)
     if _distance(nearest, given) > _distance(named, given) - NEARER:
         return verdict
-    others = (one for one in verdict.indistinguishable if one is not nearest)
-    return attrs.evolve(verdict, named=nearest, indistinguishable=(nearest, *others))
+    rest = (one for one in verdict.indistinguishable if one is not nearest)
+    return attrs.evolve(verdict, named=nearest, indistinguishable=(nearest, *rest))
 
 
 def is_same_in_outputs(one: FittedCandidate, other: FittedCandidate) -> bool:
