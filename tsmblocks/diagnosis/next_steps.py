@@ -33,6 +33,10 @@ RECORD_CAUSES = (
     "If it does not repeat: record other possible causes (a load, a second input, the temperature, a supply)."
 )
 """The next step where a disturbance that was not recorded may be the cause."""
+REPEAT_BESIDE_DISTURBANCES = (
+    "Record the same motion twice: a model error repeats, a disturbance that was not recorded does not."
+)
+"""The next step where a residual is too large for noise, and nothing predicts it."""
 SHOW_SHAPE = "Record more data over the full range of the signals that predict the residual, to show its shape."
 """The next step where a coordinate of the motion predicts the residual."""
 
@@ -64,7 +68,7 @@ def next_steps(segment: Segment) -> list[str]:
     if segment.irregular:
         near = any(_remaining_ratio(gap) < NOISE_RATIO for gap in segment.gaps)
         noise = _noise_of_inputs(segment) or ([floor] if near and not given else [])
-        return [*alone, repeat, *noise, *_integrate_a_speed(segment), RECORD_CAUSES]
+        return [*alone, REPEAT_BESIDE_DISTURBANCES, *noise, *_integrate_a_speed(segment), RECORD_CAUSES]
     return [
         *alone,
         *_others_to_try(segment),

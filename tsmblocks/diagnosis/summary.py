@@ -12,6 +12,7 @@ from tsmblocks.diagnosis.cross_validation import held_out_residuals
 from tsmblocks.diagnosis.decision import mean_loss, ridge_weights, shrinkage_of
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.discrimination import separating_experiment
+from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.limits import detection_limits
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.outliers import reported_share
@@ -126,13 +127,9 @@ def _named(
     others = alternatives_to(diagnosed.named[k], indistinguishable)
     also = dict.fromkeys(one.candidate.effect.name for one in others)
     before = _with_effects(diagnosed, k, whole_diagram)
-    same_name = [one.candidate for one in indistinguishable if one.candidate.effect.name == effect.name]
-    points = [in_whole_diagram(one.point, diagnosed.part) for one in (candidate, *same_name)]
-    _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
-    here = [one.candidate.effect.variant for one in others if one.candidate.key[::2] == candidate.key[::2]]
+    elsewhere, forms = _places_and_forms(diagnosed, k, others, before)
     reference = estimate.reference(candidate)
     sizes = estimate.sizes(candidate, reference)
-    forms = dict.fromkeys(one for one in here if one != effect.variant)
     # Beside the others its more general form may come first; the experiment is for the effect that was named.
     same = next((one for one in indistinguishable if one.candidate.effect.name == effect.name), diagnosed.named[k])
     return NamedEffect(
@@ -150,13 +147,29 @@ def _named(
         or separating_experiment(same, indistinguishable, diagnosed.search.records, diagnosed.search.settings),
         point.code(candidate.block, effect.block),
         sizes,
-        tuple(elsewhere),
-        tuple(forms),
+        elsewhere,
+        forms,
         why_named(same, [one for one in others if one is not same]),
         estimate.forces(candidate, sizes),
         estimate.absent_in(candidate, sizes),
         reference,
     )
+
+
+def _places_and_forms(
+    diagnosed: DiagnosedPart, k: int, others: Sequence[FittedCandidate], before: Diagram
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The other places at which effect ``k`` explains as much, as wires of the diagram ``before`` it, and its other
+    forms that do, as names of variants. One of another form is no other place.
+    """
+    named, name = diagnosed.named[k].candidate, diagnosed.named[k].candidate.effect.name
+    alike = [one.candidate for one in diagnosed.rounds[k].indistinguishable if one.candidate.effect.name == name]
+    at_places = [one for one in alike if one.effect.block == named.effect.block]
+    points = [in_whole_diagram(one.point, diagnosed.part) for one in (named, *at_places)]
+    _, *elsewhere = dict.fromkeys(one.words(before) for one in points if one is points[0] or one.is_in(before))
+    also = [one.candidate for one in others if one.candidate.effect.name == name]
+    forms = [one.effect.variant for one in also if one.key[2] == named.key[2] or one not in at_places]
+    return tuple(elsewhere), tuple(dict.fromkeys(one for one in forms if one != named.effect.variant))
 
 
 def _share_removed(losses: Sequence[float], k: int, noise_variance: float) -> float:
