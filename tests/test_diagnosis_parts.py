@@ -315,6 +315,19 @@ def test_an_offset_that_initial_states_make_up_for_does_not_determine_creep():
     assert 0.001 < share.high - share.value < 0.02  # of 0.15; the lag in parallel is known to 2 %
 
 
+def test_a_model_predicts_no_better_than_it_fits():
+    """An initial state at its bound: to first order it would move beyond that, and leave less than the fit does."""
+    state = np.ones(40)
+    column = state + 0.5 * np.tile([1.0, 1.0, -1.0, -1.0], 10)
+    r = state - column * (column @ state) / (column @ column)  # the common parameter is at its optimum
+    block = SimpleNamespace(rows=slice(0, 40), columns=np.array([1]), values=state[:, None])
+    J = SimpleNamespace(common=column[:, None], common_columns=np.array([0]), own_blocks=lambda: [block])
+    local, bound = np.array([False, True]), np.array([False, True])
+    model = SimpleNamespace(J=J, r=r, theta=np.zeros(2), is_local=local, at_bound=bound)
+    held_out = held_out_residuals(model, np.arange(40) % 2, np.zeros(2), np.zeros(2))
+    assert held_out @ held_out >= (1 - 1e-9) * (r @ r)
+
+
 def test_what_is_no_speed_has_no_wire_for_friction():
     level = Diagram(blocks={"tank": Integrator()}, inputs={"flow": "tank"}, outputs={"y": "tank"})
     assert [place for place, *_ in where(level, ["y"])] == ["output", "parallel", "mode", "input"]

@@ -194,8 +194,8 @@ def test_a_noise_floor_is_explained_by_what_it_contains():
     segment = attrs.evolve(NAMED, gaps=(fast,))
     assert (
         "That is 3.0 times the noise floor of 0.100 deg (from high frequencies: fast noise only; slow noise is not "
-        "included), but no function of the recorded signals that was tried predicts it on held-out data: it is slow "
-        "noise, or a model error of a form that was not tried."
+        "included), but no function of the recorded signals that was tried predicts it on held-out data: it is noise "
+        "of that spectrum, or a model error of a form that was not tried."
     ) in verdict_text.verdict_sentence(segment)
     with as_wide_as(100):
         text = of(segment).details()

@@ -6,7 +6,7 @@ import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.model import Model
-from tsmblocks.fitting.inner_products import product
+from tsmblocks.fitting.inner_products import product, square
 from tsmblocks.fitting.residuals import Problem
 
 TARGET_BLOCK_COUNT = 72
@@ -63,6 +63,8 @@ def held_out_residuals(model: Model, fold: np.ndarray, ridge: np.ndarray, null: 
     than the size of an effect, beyond which the model is not linear, is shortened. Of the unknowns of single
     experiments those of effects (with a ridge) are held out as well: otherwise an effect with a size in each would be
     judged on the samples it was fitted to.
+
+    They are no smaller than those of the fit: to first order an initial state at its bound would move beyond it.
     """
     columns, J = _held_out_columns(model, (~model.is_local | (ridge > 0)) & ~model.at_bound)
     r, ridge, null, theta = model.r, ridge[columns], null[columns], model.theta[columns]
@@ -79,7 +81,7 @@ def held_out_residuals(model: Model, fold: np.ndarray, ridge: np.ndarray, null: 
         step = np.linalg.solve(H - own.T @ own, own.T @ r[held_out] - gradient - ridge_gradient)
         relative_length = float(np.max(np.abs(step) / size * np.sqrt(ridge), initial=0.0))
         result[held_out] = r[held_out] + own @ (step / max(relative_length, 1.0))
-    return result
+    return result * np.sqrt(max(square(r) / max(square(result), 1e-300), 1.0))
 
 
 def projected_jacobian(model: Model) -> np.ndarray:
@@ -110,13 +112,10 @@ def _held_out_columns(model: Model, held: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _projected(model: Model, columns: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Columns (N, m) with the columns of single experiments projected out, but for those of unknowns ``held`` (n,).
-
-    Those at a bound are not free to make up for anything.
-    """
-    result, free = columns.copy(), ~held & ~model.at_bound
+    """Columns (N, m) with the columns of single experiments projected out, but for those of unknowns ``held`` (n,)."""
+    result = columns.copy()
     for block in model.J.own_blocks():
-        others = block.values[:, free[block.columns]]
+        others = block.values[:, ~held[block.columns]]
         if others.size:
             left_vectors, size, _ = np.linalg.svd(others, full_matrices=False)
             basis = left_vectors[:, size > 1e-9 * max(float(size.max()), 1e-300)]
