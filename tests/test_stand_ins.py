@@ -110,7 +110,7 @@ def test_an_effect_that_explains_a_part_of_a_predictable_error_is_not_named():
 def test_a_factor_varies_only_in_more_than_noise(loss, from_inputs, share, varies):
     """A noise floor of 2: a residual up to a fifth above it may be input noise that was filtered.
 
-    Where noise of the inputs would explain the residual, only a factor that predicts half of it or more is told.
+    Where noise of the inputs would explain the residual, only a factor that predicts half of it or more is reported.
     """
     part = SimpleNamespace(
         losses=[5.0, loss],

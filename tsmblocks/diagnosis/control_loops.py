@@ -71,17 +71,15 @@ def is_deflection(diagram: Diagram, block: str, port: str) -> bool:
     It is a difference of positions, or the integral of one of speeds. A difference from an input that becomes a
     command, and no force, is a control error; so is one of speeds from an input, whatever its integral becomes.
     """
-    difference, least = block, FORCE_TO_POSITION
     into = [x.source[0] for x in diagram.links if x.target[0] == block]
-    if isinstance(diagram.blocks[block], Integrator) and into:
-        difference, least = into[0], FORCE_TO_POSITION - 1
-    of_speeds = difference != block
-    if not isinstance(diagram.blocks[difference], Sum) or (of_speeds and has_reference(diagram, difference)):
+    of_speeds = isinstance(diagram.blocks[block], Integrator) and bool(into)
+    difference = into[0] if of_speeds else block
+    if not isinstance(diagram.blocks[difference], Sum):
         return False
     ends = [".".join(x.source) for x in diagram.links if x.target[0] == difference]
     inputs = sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)
-    moved = (integration_count(diagram, end, before=port, after="") >= least for end in ends)
-    elastic = is_elastic(diagram, block) or not has_reference(diagram, difference)
+    moved = (integration_count(diagram, end, before=port, after="") >= FORCE_TO_POSITION - of_speeds for end in ends)
+    elastic = not has_reference(diagram, difference) or (not of_speeds and is_elastic(diagram, block))
     return len(ends) + inputs > 1 and all(moved) and elastic
 
 

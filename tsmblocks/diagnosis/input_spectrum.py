@@ -185,8 +185,7 @@ class _Sums:
 def likelihood(model: Model, errors: ErrorsOfInputs) -> Likelihood:
     """How likely the residuals of a model are beside noise of inputs of the most likely spectrum.
 
-    The unknowns move to where the residuals are most likely beside it, as
-    far as the outputs are linear in them.
+    The unknowns move to where the residuals are most likely beside it, as far as the outputs are linear in them.
     Source: Zhou, Hu, Zhou and Lange, MM algorithms for variance components models, J. Comput. Graph. Stat. 28 (2019).
     """
     components, sums = errors.components, _sums(model, errors.directions)

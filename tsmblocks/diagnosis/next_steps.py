@@ -13,7 +13,7 @@ from tsmblocks.diagnosis.limits import NO_PLACE, NOT_EXCITED
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.segment import Gap, Segment
 from tsmblocks.diagnosis.shift_in_time import COEFFICIENT, SHIFT_IN_TIME
-from tsmblocks.diagnosis.verdict_text import percent, slow_noise
+from tsmblocks.diagnosis.verdict_text import noise_or_model_error, percent
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.maps import RIPPLE
 from tsmblocks.effects.sizes import MILLISECONDS
@@ -58,7 +58,7 @@ def next_steps(segment: Segment) -> list[str]:
     if segment.verdict == "none":
         noise = _noise_of_inputs(segment) or ([] if given else [floor])
         steps = [repeat, *noise, *_integrate_a_speed(segment)]
-        return [*alone, *(steps if slow_noise(segment) else [])]
+        return [*alone, *(steps if noise_or_model_error(segment) else [])]
     if segment.complete:
         return []
     if segment.stopped:

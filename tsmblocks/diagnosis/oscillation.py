@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -101,11 +102,12 @@ def repeats_another(model: Model, candidate: Candidate) -> bool:
 
 def _is_harmonic(model: Model, name: str, frequency: float, k: int) -> bool:
     """Whether a frequency [Hz] is ``k`` times one of an input, within the resolution of the recordings."""
-    if not _line_share(model, name, frequency / k) > MIN_LINE_SHARE:
+    experiments = model.setup.experiments
+    if not _line_share(experiments, name, frequency / k) > MIN_LINE_SHARE:
         return False
-    resolution = 1 / max(float(np.ptp(one.record.t)) for one in model.setup.experiments)
+    resolution = 1 / max(float(np.ptp(one.record.t)) for one in experiments)
     near = frequency / k + resolution * np.linspace(-1, 1, FREQUENCIES)
-    line = near[int(np.argmax([_line_share(model, name, f) for f in near]))]
+    line = near[int(np.argmax([_line_share(experiments, name, f) for f in near]))]
     return bool(abs(frequency - k * line) <= resolution / 2)
 
 
@@ -130,30 +132,22 @@ def _is_tone(model: Model, name: str, frequency: float) -> bool:
         resolution = 1 / float(np.ptp(experiment.record.t))
         near = frequency + resolution / 2 * np.linspace(-1, 1, FREQUENCIES)
         beside = frequency + resolution * np.array([-6.0, -5.0, -4.0, -3.0, 3.0, 4.0, 5.0, 6.0])
-        line = max(_share_at(experiment, name, f) for f in near)
-        around = float(np.mean([_share_at(experiment, name, f) for f in beside if f > 0]))
+        line = max(_line_share([experiment], name, f) for f in near)
+        around = float(np.mean([_line_share([experiment], name, f) for f in beside if f > 0]))
         if line > max(LEAST_LINE, LINE_RATIO * around):
             return True
     return False
 
 
-def _share_at(experiment: Experiment, name: str, frequency: float) -> float:
-    """The share of an input's variance at one frequency [Hz] in an experiment."""
-    explained, total = _at_frequency(experiment, name, frequency)
+def _line_share(experiments: Iterable[Experiment], name: str, frequency: float) -> float:
+    """The share of an input's variance at one frequency [Hz], over some experiments."""
+    explained = total = 0.0
+    for experiment in experiments:
+        t, x = experiment.record.t, experiment.record[name]
+        x = x - x.mean()
+        columns = np.stack([np.cos(2 * np.pi * frequency * t), np.sin(2 * np.pi * frequency * t)], axis=1)
+        columns -= columns.mean(axis=0)
+        rest = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]
+        explained += float(x @ x - rest @ rest)
+        total += float(x @ x)
     return explained / total if total > 0 else 0.0
-
-
-def _line_share(model: Model, name: str, frequency: float) -> float:
-    """The share of an input's variance at one frequency [Hz], over all experiments."""
-    explained, total = np.sum([_at_frequency(one, name, frequency) for one in model.setup.experiments], axis=0)
-    return float(explained / total) if total > 0 else 0.0
-
-
-def _at_frequency(experiment: Experiment, name: str, frequency: float) -> tuple[float, float]:
-    """The squares of an input of an experiment that a sine of a frequency [Hz] explains, and all of them."""
-    t, x = experiment.record.t, experiment.record[name]
-    x = x - x.mean()
-    columns = np.stack([np.cos(2 * np.pi * frequency * t), np.sin(2 * np.pi * frequency * t)], axis=1)
-    columns -= columns.mean(axis=0)
-    rest = x - columns @ np.linalg.lstsq(columns, x, rcond=None)[0]
-    return float(x @ x - rest @ rest), float(x @ x)

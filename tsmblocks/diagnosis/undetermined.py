@@ -75,9 +75,9 @@ def _determined_rounds(
         gone, (rounds, model, shrinkage) = outs[best].candidate.effect, left[best]
         search = attrs.evolve(search, effects=[one for one in search.effects if _may_follow(one, gone)])
         if turn < MAX_TURNS and more < MAX_ROUNDS:
-            more -= len(rounds)
+            kept = len(rounds)
             forward_search(model, shrinkage, search, rounds)
-            more += len(rounds)
+            more += len(rounds) - kept
         else:
             rounds.append(closing_round(model, shrinkage, search))
     return rounds, omitted

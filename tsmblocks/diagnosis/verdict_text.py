@@ -67,10 +67,10 @@ def verdict_sentence(segment: Segment) -> str:
         if segment.excess > MIN_VARIANCE_REDUCTION
         else ""
     )
-    slow = slow_noise(segment)
-    known = ", but not all of the residual is known to be noise" if slow else ""
+    noise = noise_or_model_error(segment)
+    known = ", but not all of the residual is known to be noise" if noise else ""
     none = f"No unmodelled effect {between} is detectable with these data{known}."
-    return f"{none} {_error(segment)}{slow or _outliers(worst_gap(segment)) or weak}{_implausible_floor(segment)}"
+    return f"{none} {_error(segment)}{noise or _outliers(worst_gap(segment)) or weak}{_implausible_floor(segment)}"
 
 
 def alternatives(effect: NamedEffect) -> list[str]:
@@ -192,8 +192,8 @@ def _shape(segment: Segment) -> str:
     return f"Of the variance above the noise floor, {share} is predicted from the recorded signals on held-out data."
 
 
-def slow_noise(segment: Segment) -> str:
-    """A remark on a residual above the noise floor that is not predicted: slow noise, or a model error."""
+def noise_or_model_error(segment: Segment) -> str:
+    """A remark on a residual above the noise floor that is not predicted: noise of its spectrum, or a model error."""
     gap = worst_gap(segment)
     if gap.given or not gap.rest > REMAINING_ERROR_RATIO * gap.judged_floor > 0:
         return ""

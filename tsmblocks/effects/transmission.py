@@ -14,16 +14,18 @@ from tsmblocks.effects.sizes import PERCENT, Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 
 
-def _gap_trials(scales: Scales) -> Trials:
-    """A gap takes up deflection that the force would make: the model without it deflects less.
+def _unloaded(scales: Scales) -> tuple[float, ...]:
+    """Where an elastic part may carry nothing: at a deflection of zero, or in the middle of it behind a preload."""
+    wire = scales.wire
+    return (0.0, wire.middle) if wire.low < 0 < wire.high else (wire.middle,)
 
-    It is where nothing is transmitted: at a deflection of zero, or in the middle of it behind a preload.
-    """
+
+def _gap_trials(scales: Scales) -> Trials:
+    """A gap takes up deflection that the force would make: the model without it deflects less."""
     reach, middle = scales.wire.reach, scales.wire.middle
-    unloaded = (0.0,) if scales.wire.low < 0 < scales.wire.high else ()
     shapes = tuple(
         {"half_width": share * reach, "centre": centre, "softness": 0.05 * share * reach}
-        for centre in (*unloaded, middle)
+        for centre in _unloaded(scales)
         for share in (0.03, 0.1, 0.3, 1.0, 3.0)
     )
     around, softness = (middle - 10 * reach, middle + 10 * reach), (1e-4 * reach, 3 * reach)
@@ -33,10 +35,9 @@ def _gap_trials(scales: Scales) -> Trials:
 def _stiffening_trials(scales: Scales) -> Trials:
     """A spring that stiffens, by little or by many times over the range that the model without it deflects."""
     reach, middle = scales.wire.reach, scales.wire.middle
-    unloaded = (0.0,) if scales.wire.low < 0 < scales.wire.high else ()
     shapes = tuple(
         {"cubic": share / reach**2, "quintic": 0.0, "centre": centre}
-        for centre in (*unloaded, middle)
+        for centre in _unloaded(scales)
         for share in (-0.1, 0.1, 1.0, 10.0)
     )
     return Trials({}, shapes, bounds={"centre": (middle - 10 * reach, middle + 10 * reach)})
