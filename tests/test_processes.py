@@ -230,7 +230,13 @@ def model(gain, *, beside=True):
     ("left", "beside", "gone"), [(0.05, True, True), (-0.05, True, True), (0.5, True, False), (0.05, False, False)]
 )
 def test_a_lag_in_parallel_that_leaves_nothing_of_the_model_is_none(left, beside, gone):
-    assert switches_off(model(left, beside=beside), model(1.0), catalogue()) is gone
+    assert switches_off(model(left, beside=beside), model(1.0), catalogue(), {}) is gone
+
+
+def test_a_gain_that_is_the_diagram_s_again_is_not_lost():
+    base, fitted = model(70.0, beside=False), model(1.3)
+    assert switches_off(fitted, base, catalogue(), {})
+    assert not switches_off(fitted, base, catalogue(), {"heat.gain": 1.0})
 
 
 # ---- parameters that moved far where nothing is found

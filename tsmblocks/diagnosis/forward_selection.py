@@ -159,7 +159,7 @@ def _why_untenable(
         yield "removes noise of the input only"
     if is_shift_in_time(fitted, candidate):
         yield SHIFT_IN_TIME
-    if switches_off(fitted, base, search.effects):
+    if switches_off(fitted, base, search.effects, search.given):
         yield "it replaces the model instead of adding to it"
     if depends_on_given_step(fitted, base, search.settings):
         yield "its fit depends on the given step"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.effects import Effect, Relative
@@ -15,10 +15,11 @@ LEFT_OF_MODEL = 0.1
 and where two gains in a row share the loss, less than a hundredth of their product is left."""
 
 
-def switches_off(fitted: Model, base: Model, effects: Iterable[Effect | Relative]) -> bool:
+def switches_off(fitted: Model, base: Model, effects: Iterable[Effect | Relative], given: Mapping[str, float]) -> bool:
     """Whether a model with a branch in parallel has lost a gain of its base: only the branch is left.
 
-    ``effects`` are those that the search tries.
+    ``effects`` are those that the search tries, ``given`` the parameters of the diagram: a gain that is near these is
+    not lost, however far the base without the branch was from them.
     """
     own = [one.block for one in effects if isinstance(one, Effect) and one.place == PARALLEL]
     branches = {one.title for one in own if isinstance(one, Diagram)}
@@ -26,5 +27,5 @@ def switches_off(fitted: Model, base: Model, effects: Iterable[Effect | Relative
     if not any(isinstance(one, Diagram) and one.title in branches for one in blocks):
         return False
     before, after = base.parameters(), fitted.parameters()
-    gains = {k: value for k, value in before.items() if k.endswith(".gain") and k in after}
-    return any(abs(after[k]) < LEFT_OF_MODEL * abs(value) for k, value in gains.items())
+    least = {k: min(abs(value), abs(given.get(k, value))) for k, value in before.items() if k.endswith(".gain")}
+    return any(abs(after[k]) < LEFT_OF_MODEL * value for k, value in least.items() if k in after)

@@ -15,7 +15,8 @@ from tsmblocks.model.diagram import Diagram
 
 TRIAL_TIMES = (0.002, 0.01, 0.05, 0.15)
 """Trial delays and time constants [s] for sampling steps up to ``COARSE_SAMPLING``; longer in proportion for longer
-ones. Chosen: the range of drives and sensors, a factor of three to five apart."""
+ones, and further ones up to what the recordings show. Chosen: the range of drives and sensors, a factor of three to
+five apart."""
 TRIAL_COEFFICIENT = 0.01
 """Trial coefficient of a term in the rate [s], less for signals that are faster. Chosen: the range of drives."""
 MODE_REACH = 20.0
@@ -35,9 +36,10 @@ NO_PEAK = 0.5**0.5
 LEAST_STEPS = 2.0
 """Shortest time constant of a lag in parallel [sampling steps]. Chosen: a faster one is a gain."""
 TIME_RATIO = 4.0
-"""Ratio of neighbouring trial time constants of it, about. Chosen: fits find their way over a factor of two."""
+"""Ratio of neighbouring trial time constants of it, about, and of long ones of any lag. Chosen: fits find their way over
+a factor of two."""
 COARSE_SAMPLING = 0.05
-"""Sampling step [s] from which the trial times grow. Chosen: a third of the longest one."""
+"""Sampling step [s] from which the trial times grow. Chosen: a third of the longest of them."""
 
 TWO_LAGS = Diagram(
     title="two lags",
@@ -62,6 +64,8 @@ def _trial_times(name: str, scales: Scales, most: float) -> Trials:
     times = [time * max(1.0, scales.step / COARSE_SAMPLING) for time in TRIAL_TIMES]
     if most <= times[0]:  # a recording of some milliseconds
         times = [time * 0.5 * most / times[-1] for time in times]
+    while TIME_RATIO * times[-1] < most:  # slow processes
+        times.append(TIME_RATIO * times[-1])
     return Trials({}, tuple({name: time} for time in times if time < most), bounds={name: (0.0, most)})
 
 
