@@ -145,26 +145,51 @@ def test_a_loss_to_surroundings_that_are_measured_is_no_control_loop():
     assert [p for p in insertion_points(turned, ["inside"]) if p.place == "loop"]
 
 
+def warmed(seed, hot, cold, *, radiation=0.0, lag=0.0, sensor=lambda x: x):
+    """The chamber by SciPy: it loses ``radiation`` [W/K^4] beside its wall, the room acts on it ``lag`` [s] late."""
+    rng, t = np.random.default_rng(seed), 5.0 * np.arange(900)
+    power = np.repeat(rng.uniform(0, 620, 30), 30)
+    room = 294.0 + 2.5 * np.sin(2 * np.pi * t / 2900 + seed) + 1.2 * np.sin(2 * np.pi * t / 700 + 2 * seed)
+
+    def rate(s, x):
+        k = min(int(s / 5.0), len(t) - 1)
+        surroundings = np.interp(s, t, room)
+        acting = x[2] if lag else surroundings
+        flow = 8.4 * (x[0] - x[1])
+        loss = 5.1 * (x[1] - acting) + radiation * (x[1] ** 4 - acting**4)
+        return [(power[k] - flow) / 870, (flow - loss) / 5263, (surroundings - x[2]) / lag if lag else 0.0]
+
+    begin = [hot, cold, room[0]]
+    found = solve_ivp(rate, (0.0, t[-1]), begin, t_eval=t, max_step=2.5, rtol=1e-8, atol=1e-8).y[1]
+    signals = {"power": power, "room": room, "inside": sensor(found) + rng.normal(0, 0.05, t.size)}
+    return tsm.Record(f"run{seed}", t, signals, {"power": "W", "room": "K", "inside": "K"})
+
+
+def chamber_diagnosed(effects=FEW, **hidden):
+    runs = [warmed(1, 328.0, 320.0, **hidden), warmed(2, 296.0, 299.0, **hidden)]
+    return tsm.diagnose(CHAMBER, runs, effects=effects)
+
+
+def test_a_sensor_that_is_right_at_one_value_curves_about_it():
+    found = chamber_diagnosed(sensor=lambda x: x + 0.0012 * (x - 323.0) ** 2)
+    (effect,) = found.effects
+    assert (effect.name, effect.wire) == ("even_nonlinearity", "chamber.y -> inside")
+    centre = effect.sizes["value at which it adds nothing"]
+    assert centre.low < 323.0 < centre.high
+
+
+def test_a_slow_lag_of_the_surroundings_is_found_from_a_base_far_from_the_diagram():
+    found = chamber_diagnosed(effects=["first_order_lag", "hysteresis", "rate_limit", "offset"], lag=300.0)
+    (effect,) = found.effects
+    assert (effect.name, effect.wire) == ("first_order_lag", "room -> to_ambient.minus")
+    time = effect.sizes["time constant"]
+    assert time.low < 300e3 < time.high  # ms
+    assert found.augmented.parameters["heater_rate.gain"] == pytest.approx(1 / 870, rel=0.1)
+
+
 def test_radiation_of_a_chamber_is_a_loss_whose_slope_changes():
-    """By SciPy: beside the wall it loses 2e-8 W/K^4 of the fourth powers; the diagram's own parameters come right."""
-
-    def run(seed, hot, cold):
-        rng, t = np.random.default_rng(seed), 5.0 * np.arange(900)
-        power = np.repeat(rng.uniform(0, 620, 30), 30)
-        room = 294.0 + 2.5 * np.sin(2 * np.pi * t / 2900 + seed)
-
-        def rate(s, x):
-            k = min(int(s / 5.0), len(t) - 1)
-            surroundings = np.interp(s, t, room)
-            flow = 8.4 * (x[0] - x[1])
-            loss = 5.1 * (x[1] - surroundings) + 2e-8 * (x[1] ** 4 - surroundings**4)
-            return [(power[k] - flow) / 870, (flow - loss) / 5263]
-
-        found = solve_ivp(rate, (0.0, t[-1]), [hot, cold], t_eval=t, max_step=2.5, rtol=1e-8, atol=1e-8).y[1]
-        signals = {"power": power, "room": room, "inside": found + rng.normal(0, 0.05, t.size)}
-        return tsm.Record(f"run{seed}", t, signals, {"power": "W", "room": "K", "inside": "K"})
-
-    found = tsm.diagnose(CHAMBER, [run(1, 328.0, 320.0), run(2, 296.0, 299.0)], effects=FEW)
+    """Beside the wall it loses 2e-8 W/K^4 of the fourth powers; the diagram's own parameters come right."""
+    found = chamber_diagnosed(radiation=2e-8)
     (effect,) = found.effects
     assert (effect.name, effect.wire) == ("even_nonlinearity", "chamber.y -> to_ambient.plus")
     fitted = found.augmented.parameters

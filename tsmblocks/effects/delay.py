@@ -36,8 +36,8 @@ NO_PEAK = 0.5**0.5
 LEAST_STEPS = 2.0
 """Shortest time constant of a lag in parallel [sampling steps]. Chosen: a faster one is a gain."""
 TIME_RATIO = 4.0
-"""Ratio of neighbouring trial time constants of it, about, and of long ones of any lag. Chosen: fits find their way over
-a factor of two."""
+"""Ratio of neighbouring trial time constants of it, about, and of those of any lag that are long. Chosen: fits find
+their way over a factor of two."""
 COARSE_SAMPLING = 0.05
 """Sampling step [s] from which the trial times grow. Chosen: a third of the longest of them."""
 

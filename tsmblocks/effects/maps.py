@@ -289,7 +289,7 @@ EVEN = Effect(
 )
 CURVED = attrs.evolve(
     EVEN,
-    words="a characteristic whose slope changes steadily over the range (as of a loss by radiation)",
+    words="a characteristic whose slope changes steadily over the range",
     null={"quadratic": 0.0},
     free=("quadratic", "centre"),
     trials=_curved_trials,
@@ -301,6 +301,7 @@ CURVED = attrs.evolve(
             lambda p, scales: PERCENT * 2 * p["quadratic"] * (scales.wire.high - scales.wire.low),
             "%",
         ),
+        in_proportion("value at which it adds nothing", "centre"),
     ),
 )
 RIPPLE = Effect(
@@ -362,6 +363,7 @@ EFFECTS = (
     EVEN,
     in_front(EVEN),
     on_branch(EVEN),
+    CURVED,
     on_branch(CURVED),
     ODD,
     in_front(ODD),
