@@ -74,3 +74,46 @@ def test_without_an_angle_the_next_step_is_an_integrator(records):
     found = tsm.diagnose(MOTOR, records, free=["torque.gain", "inertia.gain", "drag.gain"], effects=EFFECTS)
     assert "position_ripple" not in [e.name for e in found.effects]
     assert "Put an Integrator behind speed in the diagram" in " ".join(str(found).split())
+
+
+# ---- many periods in a turn, beside a torque that is commanded
+
+SLOTS, COGGING = 24, 0.003
+ALONE = Diagram(
+    title="Motor without a controller",
+    blocks={
+        "net": Sum(signs="+-"),
+        "inertia": Gain(gain=4300.0, unit="rad/s^2"),
+        "speed": Integrator(),
+        "drag": Gain(gain=0.0021, unit="N*m"),
+        "angle": Integrator(),
+    },
+    wires=["net -> inertia -> speed -> angle", "speed -> drag -> net.minus"],
+    inputs={"torque": tsm.Inlet("net.plus", unit="N*m")},
+    outputs={"speed": "speed"},
+)
+
+
+def cogging(seed):
+    rng, t = np.random.default_rng(seed), STEP * np.arange(2500)
+    tones = [(f, a, rng.uniform(0, 6)) for f, a in ((0.17, 0.03), (0.43, 0.03), (1.1, 0.02), (2.7, 0.02), (6.1, 0.02))]
+
+    def torque(s):
+        return sum(a * np.sin(2 * np.pi * f * s + p) for f, a, p in tones)
+
+    def rates(s, state):
+        speed, angle = state
+        return (torque(s) - 0.0025 * speed - COGGING * np.sin(SLOTS * angle)) / INERTIA, speed
+
+    speed = solve_ivp(rates, (0.0, t[-1]), (0.0, 0.3), t_eval=t, rtol=1e-8, atol=1e-8, max_step=STEP).y[0]
+    signals = {"torque": torque(t), "speed": speed + rng.normal(0, NOISE, t.size)}
+    return tsm.Record(f"run{seed}", t, signals, {"torque": "N*m", "speed": "rad/s"})
+
+
+def test_cogging_is_found_where_the_angle_of_the_model_is_in_error():
+    found = tsm.diagnose(ALONE, [cogging(seed) for seed in (1, 2)], effects=EFFECTS)
+    print(found)
+    (effect,) = found.effects
+    assert effect.name == "position_ripple"
+    period = effect.sizes["period"]
+    assert period.low < np.degrees(2 * np.pi / SLOTS) < period.high

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import Shrinkage, fitted_candidate
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
+from tsmblocks.diagnosis.held_parameters import with_held
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, ModelSettings, optimized
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.fitting.step_size import halved
@@ -64,6 +67,18 @@ def _change_by_halving(model: Model) -> float:
     if (half := halved(model.problem, model.setup)) is None:
         return 0.0
     return float(np.mean((half[0].residuals(model.theta) - model.r) ** 2))
+
+
+def holds_first(score: ScreeningScore) -> bool:
+    """Whether a first fit of a candidate holds some of its parameters."""
+    return bool(score.candidate.trials.held_first)
+
+
+def first_fit(score: ScreeningScore, start: np.ndarray, **options: Any) -> np.ndarray:
+    """Where a fit of a candidate that holds some of its parameters ends, with the ``options`` of ``optimized``."""
+    names = {f"{score.candidate.block}.{name}" for name in score.candidate.trials.held_first}
+    held = np.array([item.parameter in names for item in score.problem.unknowns.items])
+    return optimized(with_held(score.problem, start, held), score.setup, start, **options).theta
 
 
 def known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:

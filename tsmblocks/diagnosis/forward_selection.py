@@ -11,7 +11,7 @@ from tsmblocks.diagnosis.base_search import better_base
 from tsmblocks.diagnosis.candidate_fits import at_sufficient_step, depends_on_given_step
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.commands import OtherCommands
-from tsmblocks.diagnosis.critical_gains import critical_gains, critical_multiplicity, is_wandering
+from tsmblocks.diagnosis.critical_gains import MOTION, critical_gains, critical_multiplicity, family_of, is_wandering
 from tsmblocks.diagnosis.decision import (
     Shrinkage,
     Verdict,
@@ -49,6 +49,8 @@ from tsmblocks.diagnosis.time_and_distance import with_distances_first
 CLEAR_GAIN = 5.0
 """Gain of a fit [critical gains] from which it may be more than predicted. Chosen: gains in noise are predicted ones,
 and fits gain more in noise too. Of a real effect little is predicted where the base is far from it."""
+LEFT_OF_NOISE = 0.1
+"""Share of the excess of a residual over fast noise that is left, below which it was an effect. Chosen: as above."""
 MAX_EFFECTS = 4
 """Effects named at most. Chosen: the recorded benchmarks (EMPS, cascaded tanks, Silverbox) need three at most."""
 MAX_BETTER_BASES = 2
@@ -133,12 +135,23 @@ def _why_noise(
     """
     new = known is None or known.candidate.effect.name != score.candidate.effect.name
     predicted = may_be_noise and new and score.candidate.effect.place not in BADLY_PREDICTED
-    if gain <= limit or (predicted and score.gain <= limit and gain <= CLEAR_GAIN * limit):
+    clear = gain > CLEAR_GAIN * limit or _explains_all(fitted, base, score)
+    if gain <= limit or (predicted and score.gain <= limit and not clear):
         yield "random noise of its spectrum is reduced as much"
     if new and is_wandering(score.candidate) and not explains_slowest(fitted, base):
         yield "what it leaves wanders more"
     if score.states_alone_explain():
         yield "its initial states alone explain as much"
+
+
+def _explains_all(fitted: Model, base: Model, score: ScreeningScore) -> bool:
+    """Whether an effect of the motion that is not slow leaves hardly more than the fast noise of a residual.
+
+    A few parameters do not reduce noise of many frequencies to its fast part.
+    """
+    before, after = base.mean_square - 1.0, fitted.mean_square - 1.0
+    of_motion = family_of(score.candidate) == MOTION and not score.is_slow
+    return of_motion and before > 0 and after <= LEFT_OF_NOISE * before
 
 
 def _why_untenable(

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import attrs
 import numpy as np
 
 from tsmblocks.diagnosis.credibility import far_from, with_a_scale
+from tsmblocks.diagnosis.held_parameters import with_held
 from tsmblocks.diagnosis.model import Model, end_at, model_at, optimized
-from tsmblocks.fitting.parameter_vector import Unknown
 
 FAR_ERROR = 1e3
 """Mean square [noise variances] of a base from which fits start at the diagram's own parameters as well. Chosen: beside
 an error of 30 times the noise, the stiffness of a shaft with a gap was fitted at half of its value."""
-HELD_WITHIN = 1e-9
-"""Relative half width of the bounds of a parameter that is held. Chosen: no output changes by as much as its noise."""
 
 
 def is_rough(model: Model) -> bool:
@@ -31,13 +28,13 @@ def at_own_parameters(model: Model) -> Model | None:
     if not (is_rough(model) or _has_moved_far(model)):
         return None
     unknowns = model.problem.unknowns
-    fixed = model.problem.with_items(one if one.experiment else _fixed(one) for one in unknowns.items)
+    held = with_held(model.problem, unknowns.start, ~unknowns.is_local)
     starts = (unknowns.start, np.where(unknowns.is_local, model.theta, unknowns.start))
     costs = [model.problem.cost(start) for start in starts]
     best = int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))
     if not np.isfinite(costs[best]):
         return None
-    theta = optimized(fixed, model.setup, starts[best]).theta
+    theta = optimized(held, model.setup, starts[best]).theta
     return model_at(model.problem, model.setup, end_at(model.problem, theta))
 
 
@@ -45,9 +42,3 @@ def _has_moved_far(model: Model) -> bool:
     """Whether a parameter was fitted to several times the diagram's, or changed its sign."""
     starts = {one.parameter: one.start for one in model.problem.unknowns.items if not one.experiment}
     return bool(far_from(model, with_a_scale(starts)))
-
-
-def _fixed(item: Unknown) -> Unknown:
-    """A parameter held at its start, within bounds that have an inside."""
-    width = HELD_WITHIN * max(abs(item.start), HELD_WITHIN)
-    return attrs.evolve(item, low=item.start - width, high=item.start + width)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tsmblocks.diagnosis.candidate_fits import known_starts, start_at
+from tsmblocks.diagnosis.candidate_fits import first_fit, holds_first, known_starts, start_at
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, optimized
@@ -45,7 +45,8 @@ def fits_from_starts(
     fits = []
     for k, one in enumerate(scores):
         search.progress("fitted", k, len(scores))
-        starts = [*one.starts, *known_starts(one, known)]
+        starts = [*one.starts, *(first_fit(one, start, **options) for start in one.starts if holds_first(one))]
+        starts += known_starts(one, known)
         ends = [optimized(one.problem, one.setup, start, **options) for start in starts]
         fits.append(Fit(one, min(ends, key=lambda m: m.mean_square)))
     return fits

@@ -164,7 +164,7 @@ def ripple_trials(reach: float, size: float, names: tuple[str, ...]) -> Trials:
     most = max(MAX_PERIODS.values()) * math.pi / reach
     turns = tuple({"cycles": float(n)} for n in PER_TURN if n > most)  # over many turns of a motor
     bounds = {"cycles": (MIN_PERIODS * math.pi / reach, max(most, 1.1 * PER_TURN[-1] if turns else 0.0))}
-    return Trials(dict.fromkeys(names, size), (*shapes, *turns), bounds=bounds)
+    return Trials(dict.fromkeys(names, size), (*shapes, *turns), bounds=bounds, held_first=("cycles",))
 
 
 def _position_ripple_trials(scales: Scales, names: tuple[str, ...]) -> Trials:

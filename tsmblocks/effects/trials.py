@@ -97,6 +97,9 @@ class Trials:
     refine : str, default ""
         The instant of a sudden change, a shape parameter whose grid is refined around the best of ``shapes``. The
         parameter ``width`` beside it is its transition time [s].
+    held_first : tuple of str, default ()
+        Shape parameters that are held in a first fit: the sum of squares has many minima in them, and while the sizes
+        and the parameters of the model are not near theirs, its derivative leads to a wrong one.
     """
 
     strengths: Mapping[str, float]
@@ -104,6 +107,7 @@ class Trials:
     fixed: Mapping[str, float] = attrs.field(factory=dict)
     bounds: Mapping[str, tuple[float | None, float | None]] = attrs.field(factory=dict)
     refine: str = ""
+    held_first: tuple[str, ...] = ()
 
     def with_bounds(self, more: Mapping[str, tuple[float | None, float | None]]) -> Trials:
         """Return the same trial values with further bounds.
@@ -138,7 +142,8 @@ class Trials:
             return {f"{block}.{k}": v for k, v in given.items()}
 
         shapes, refine = tuple(map(named, self.shapes)), f"{block}.{self.refine}" if self.refine else ""
-        return Trials(named(self.strengths), shapes, named(self.fixed), named(self.bounds), refine)
+        held_first = tuple(f"{block}.{k}" for k in self.held_first)
+        return Trials(named(self.strengths), shapes, named(self.fixed), named(self.bounds), refine, held_first)
 
 
 def span_of(signals: list[np.ndarray], steps: list[float]) -> Span:

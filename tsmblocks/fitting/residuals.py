@@ -255,17 +255,23 @@ class Problem:
             for first in range(0, len(thetas), runs.LANES):  # for memory
                 some = slice(first, first + runs.LANES)
                 for e, y in enumerate(self.output_sets(thetas[some])):
-                    total[some] += 0.5 * np.sum(self.residuals_of(e, y) ** 2, axis=0)
+                    stacked, whitening = self._stacked(e, y), self.whitening.get(e)
+                    total[some] += 0.5 * (
+                        np.sum(stacked**2, axis=0) if whitening is None else whitening.squares(stacked)
+                    )
         return np.where(np.isfinite(total), total, np.inf)
 
     def residuals_of(self, e: int, y: np.ndarray) -> np.ndarray:
         """Residuals (rows, sets) of experiment ``e`` with the outputs ``y`` (samples, outputs, sets)."""
+        stacked, whitening = self._stacked(e, y), self.whitening.get(e)
+        return stacked if whitening is None else whitening.whitened(stacked)
+
+    def _stacked(self, e: int, y: np.ndarray) -> np.ndarray:
+        """The same before they are whitened."""
         experiment = self.experiments[e]
         r = (y - experiment.measured[:, :, None]) * self.weights[:, None]
         r = r if experiment.counted is None else r * experiment.counted[:, :, None]
-        stacked = r.transpose(1, 0, 2).reshape(-1, y.shape[2])
-        whitening = self.whitening.get(e)
-        return stacked if whitening is None else whitening.whitened(stacked)
+        return r.transpose(1, 0, 2).reshape(-1, y.shape[2])
 
     def prior_derivatives(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gradient and curvature that the priors add, both of shape (unknowns,)."""

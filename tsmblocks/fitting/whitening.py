@@ -9,7 +9,7 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from tsmblocks.fitting.inner_products import product, square
+from tsmblocks.fitting.inner_products import square
 
 NEGLIGIBLE_SIZE = 0.03
 """Deviation of a correlated error [rms noise] below which it is left out. Chosen: it adds a thousandth of the noise."""
@@ -40,6 +40,11 @@ class Whitening:
         """Residuals (N,), or columns (N, m), whitened."""
         return self._scaled(values, 1 / np.sqrt(1 + self.sizes**2))
 
+    def squares(self, columns: np.ndarray) -> np.ndarray:
+        """Sums of squares (m,) of whitened columns (N, m)."""
+        less = self.sizes**2 / (1 + self.sizes**2)
+        return np.asarray(np.einsum("ij,ij->j", columns, columns) - self._parts(columns) ** 2 @ less)
+
     def restored(self, values: np.ndarray) -> np.ndarray:
         """What was whitened, as it was before."""
         return self._scaled(values, np.sqrt(1 + self.sizes**2))
@@ -63,6 +68,9 @@ class Whitening:
     def _scaled(self, values: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """Values with their components along the directions times ``factors`` (k,)."""
         wide = values if values.ndim == 2 else values[:, None]
-        parts = product(np.ascontiguousarray(self.directions.T), wide)
-        changed = wide + product(self.directions, (factors - 1)[:, None] * parts)
+        changed = wide + self.directions @ ((factors - 1)[:, None] * self._parts(wide).T)
         return changed.reshape(values.shape)
+
+    def _parts(self, columns: np.ndarray) -> np.ndarray:
+        """Components (m, k) of columns (N, m) along the directions, which are many more and are not copied."""
+        return np.ascontiguousarray(columns.T) @ self.directions
