@@ -24,7 +24,7 @@ from tsmblocks.fitting.parameter_vector import Unknown
 from tsmblocks.fitting.parameters import named_by, numbers, with_initial_values
 from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import FINEST, Setup, pose
-from tsmblocks.fitting.step_size import following, halved
+from tsmblocks.fitting.step_size import MOST_HALVINGS, following, halved, state_at_limit
 from tsmblocks.fitting.whitening import Whitening
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.compiled import equations
@@ -205,8 +205,10 @@ def with_accurate_step(model: Model, settings: ModelSettings) -> Model:
     """The model, optimised on at finer steps while halving the step changes its residuals materially.
 
     An effect that switches, such as dry friction beside a dead zone, makes errors at a step at which the model without
-    it is right: from those a search finds another optimum, or none. A step that was given stays.
+    it is right: from those a search finds another optimum, or none. A step that was given stays, and so does the first
+    one where parameters follow finer ones to their limits, as those do that make up for a large effect.
     """
+    first, limited = model, 0
     while settings.step is None and all(one.record.step < FINEST * one.times.h for one in model.setup.experiments):
         checkpoint()
         if (half := halved(model.problem, model.setup)) is None:
@@ -220,6 +222,9 @@ def with_accurate_step(model: Model, settings: ModelSettings) -> Model:
         experiments = tuple(fine if changed else coarse for changed, fine, coarse in pairs)
         problem, setup = attrs.evolve(problem, experiments=experiments), attrs.evolve(setup, experiments=experiments)
         model = optimized(problem, setup, model.theta, FINE_TOLERANCE)
+        limited += bool(state_at_limit(problem, model.theta))
+        if limited > MOST_HALVINGS:
+            return first
     return model
 
 
