@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.held_parameters import with_held
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, ModelSettings, optimized
 from tsmblocks.diagnosis.screening_score import ScreeningScore
+from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.step_size import halved
 
 MOST_HALVINGS = 2
@@ -74,11 +76,13 @@ def holds_first(score: ScreeningScore) -> bool:
     return bool(score.candidate.trials.held_first)
 
 
-def first_fit(score: ScreeningScore, start: np.ndarray, **options: Any) -> np.ndarray:
-    """Where a fit of a candidate that holds some of its parameters ends, with the ``options`` of ``optimized``."""
+def first_fit(
+    score: ScreeningScore, start: np.ndarray, fitted: Callable[[Problem, Setup, np.ndarray], Model]
+) -> np.ndarray:
+    """Where a fit of a candidate ends that holds some of its parameters."""
     names = {f"{score.candidate.block}.{name}" for name in score.candidate.trials.held_first}
     held = np.array([item.parameter in names for item in score.problem.unknowns.items])
-    return optimized(with_held(score.problem, start, held), score.setup, start, **options).theta
+    return fitted(with_held(score.problem, start, held), score.setup, start).theta
 
 
 def known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:

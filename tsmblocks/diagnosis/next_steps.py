@@ -8,6 +8,7 @@ import numpy as np
 
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
+from tsmblocks.diagnosis.concentration import concentrations
 from tsmblocks.diagnosis.insertion_points import is_speed
 from tsmblocks.diagnosis.limits import NO_PLACE, NOT_EXCITED
 from tsmblocks.diagnosis.presentation import in_display_units
@@ -55,6 +56,7 @@ def next_steps(segment: Segment) -> list[str]:
         "data sheet."
     )
     alone = [] if segment.verdict == "named" and segment.complete else _odd_experiments(segment)
+    alone += [] if segment.verdict == "none" or segment.complete else _short_parts(segment)
     if segment.verdict == "none":
         noise = _noise_of_inputs(segment) or ([] if given else [floor])
         steps = [repeat, *noise, *_integrate_a_speed(segment)]
@@ -171,6 +173,18 @@ def _odd_experiments(segment: Segment) -> list[str]:
             why = "something may have changed in it" if known else "it excites most of what is missing, or it differs"
             found.setdefault((odd, why), {})[gap.output] = float(rms[odd] / np.median(others))
     return [_examine(odd, why, ratios) for (odd, why), ratios in found.items()]
+
+
+def _short_parts(segment: Segment) -> list[str]:
+    """Parts of recordings in which most of a residual lies: something may have acted only then."""
+    floors = {gap.output: gap.judged_floor for gap in segment.gaps}
+    return [
+        f"Examine {one.experiment} between {to_digits(one.start, 4)} and {to_digits(one.stop, 4)} s: "
+        f"{percent(one.share)} of the variance of {one.output} above the noise floor lies there. Something may have "
+        "acted in that time only (a load, a contact, a parameter that changed and came back). Record it, or diagnose "
+        "the data before it alone (--window)."
+        for one in concentrations(segment.traces, floors)
+    ]
 
 
 def _examine(odd: str, why: str, ratios: Mapping[str, float]) -> str:

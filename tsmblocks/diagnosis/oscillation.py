@@ -63,20 +63,22 @@ def _frequencies(model: Model, candidate: Candidate) -> list[float]:
 
 
 def comes_back_with_motion(model: Model, candidate: Candidate) -> bool:
-    """Whether an oscillation has the same amplitude and phase in two experiments of the same motion.
+    """Whether an oscillation has the same amplitude and phase in experiments of the same motion, taken together.
 
-    In experiments of opposite motion, the opposite one. It is a function of the motion then, and not of the time.
+    In experiments of opposite motion, the opposite one. It is a function of the motion then, and not of the time; of
+    several pairs, one has the same phase by chance.
     """
     values: dict[str, list[float]] = {}
     for item, value in zip(model.problem.unknowns.items, model.theta.tolist(), strict=True):
         if item.experiment and item.parameter in candidate.local:
             values.setdefault(item.experiment, []).append(value)
     pairs = itertools.combinations({k: np.array(v) for k, v in values.items()}.items(), 2)
+    difference = size = 0.0
     for (name, one), (other_name, other) in pairs:
-        sign = _sign_of_motion(model, name, other_name)
-        if sign and np.linalg.norm(one - sign * other) <= SAME_SIZE * max(np.linalg.norm(one), np.linalg.norm(other)):
-            return True
-    return False
+        if sign := _sign_of_motion(model, name, other_name):
+            difference += float(np.sum((one - sign * other) ** 2))
+            size += max(float(np.sum(one**2)), float(np.sum(other**2)))
+    return size > 0 and difference <= SAME_SIZE**2 * size
 
 
 def repeats_another(model: Model, candidate: Candidate) -> bool:

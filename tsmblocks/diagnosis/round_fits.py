@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,8 @@ from tsmblocks.diagnosis.search_rounds import SearchContext
 from tsmblocks.diagnosis.shape_trial import with_narrow_bounds
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 from tsmblocks.fitting.inner_products import square
+from tsmblocks.fitting.residuals import Problem
+from tsmblocks.fitting.setup import Setup
 
 MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
@@ -42,12 +45,13 @@ def fits_from_starts(
     scores: Sequence[ScreeningScore], known: FittedCandidate | None, search: SearchContext, **options: Any
 ) -> list[Fit]:
     """The candidates fitted from all their starting points, with the ``options`` of ``optimized``."""
-    fits = []
+    fits: list[Fit] = []
+    fitted: Callable[[Problem, Setup, np.ndarray], Model] = functools.partial(optimized, **options)
     for k, one in enumerate(scores):
         search.progress("fitted", k, len(scores))
-        starts = [*one.starts, *(first_fit(one, start, **options) for start in one.starts if holds_first(one))]
+        starts = [*one.starts, *(first_fit(one, start, fitted) for start in one.starts if holds_first(one))]
         starts += known_starts(one, known)
-        ends = [optimized(one.problem, one.setup, start, **options) for start in starts]
+        ends = [fitted(one.problem, one.setup, start) for start in starts]
         fits.append(Fit(one, min(ends, key=lambda m: m.mean_square)))
     return fits
 
