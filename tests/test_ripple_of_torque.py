@@ -78,7 +78,7 @@ def test_without_an_angle_the_next_step_is_an_integrator(records):
 
 # ---- many periods in a turn, beside a torque that is commanded
 
-SLOTS, COGGING = 24, 0.003
+SLOTS, COGGING = 24, 0.006
 ALONE = Diagram(
     title="Motor without a controller",
     blocks={
@@ -112,8 +112,8 @@ def cogging(seed):
 
 def test_cogging_is_found_where_the_angle_of_the_model_is_in_error():
     found = tsm.diagnose(ALONE, [cogging(seed) for seed in (1, 2)], effects=EFFECTS)
-    print(found)
     (effect,) = found.effects
     assert effect.name == "position_ripple"
-    period = effect.sizes["period"]
-    assert period.low < np.degrees(2 * np.pi / SLOTS) < period.high
+    amplitude, period = effect.sizes["amplitude"], effect.sizes["period"]
+    assert amplitude.value == pytest.approx(COGGING / INERTIA, rel=0.1)
+    assert period.low < 2 * np.pi / SLOTS < period.high

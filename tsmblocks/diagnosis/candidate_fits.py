@@ -85,6 +85,19 @@ def first_fit(
     return fitted(with_held(score.problem, start, held), score.setup, start).theta
 
 
+def starts_at_measured_position(
+    score: ScreeningScore, fitted: Callable[[Problem, Setup, np.ndarray], Model]
+) -> list[np.ndarray]:
+    """Starts of a candidate's fit where fits over a measured position end, if it was screened there as well."""
+    there = score.at_measured_position
+    if there is None:
+        return []
+    ends = [fitted(there.problem, there.setup, start).values for start in there.starts]
+    pairs = list(zip(score.problem.unknowns.names, score.starts[0], strict=True))
+    starts = [np.array([end.get(name, value) for name, value in pairs]) for end in ends]
+    return [one for start in starts for one in (start, first_fit(score, start, fitted))]
+
+
 def known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:
     """The start of a candidate's fit at the parameters of the same effect in a model with other effects, if known."""
     if known is None or known.candidate.effect.name != score.candidate.effect.name:

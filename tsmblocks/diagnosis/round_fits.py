@@ -8,7 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tsmblocks.diagnosis.candidate_fits import first_fit, holds_first, known_starts, start_at
+from tsmblocks.diagnosis.candidate_fits import (
+    first_fit,
+    holds_first,
+    known_starts,
+    start_at,
+    starts_at_measured_position,
+)
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, optimized
@@ -50,7 +56,7 @@ def fits_from_starts(
     for k, one in enumerate(scores):
         search.progress("fitted", k, len(scores))
         starts = [*one.starts, *(first_fit(one, start, fitted) for start in one.starts if holds_first(one))]
-        starts += known_starts(one, known)
+        starts += [*starts_at_measured_position(one, fitted), *known_starts(one, known)]
         ends = [fitted(one.problem, one.setup, start) for start in starts]
         fits.append(Fit(one, min(ends, key=lambda m: m.mean_square)))
     return fits

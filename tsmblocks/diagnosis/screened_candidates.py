@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from collections.abc import Sequence
 
@@ -13,6 +14,7 @@ from tsmblocks.diagnosis.critical_gains import MOTION, SLOW, SURROGATES, family_
 from tsmblocks.diagnosis.decision import Shrinkage
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.insertion_points import insertion_points
+from tsmblocks.diagnosis.measured_position import at_measured_position
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import screening_score
@@ -62,7 +64,14 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
     for k, one in enumerate(every):
         search.progress("tried", k, len(every))
         own = noise[is_of_time(one)]
-        score = screening_score(one, model, search.records, search.settings, wires, base, own, screened)
+        screened_one = functools.partial(
+            screening_score, settings=search.settings, wires=wires, base=base, noise=own, screened=screened
+        )
+        score = screened_one(one, model, search.records)
+        if (over := at_measured_position(one, search.records, wires)) is not None:
+            candidate, records = over
+            there = screened_one(candidate, model, records)
+            score = attrs.evolve(score, gain=max(score.gain, there.gain), at_measured_position=there)
         own_slow, family = slow[is_of_time(one)] if score.is_slow else None, family_of(one)
         if family == MOTION and not score.is_slow:  # slow noise does not resemble it
             score = attrs.evolve(score, noise_gains=np.tile(score.noise_gains[:SURROGATES], 2))

@@ -48,7 +48,7 @@ class ScreeningScore:
     outputs is. Gains count beside ``squares``, the sum of squares of the residual, and ``noise_squares`` (D,) of the
     surrogates: all of it, or the slow part. ``slow_part`` are these of the slow part, where a candidate of the
     motion is slow. ``states_alone_explain()`` is whether the size gains no more than in noise, beyond initial states
-    that are free.
+    that are free. ``at_measured_position`` is the screening over a measured position, where that of the model is not.
     """
 
     candidate: Candidate
@@ -63,6 +63,7 @@ class ScreeningScore:
     squares: float = 1.0
     noise_squares: np.ndarray | float = 1.0
     slow_part: tuple[float, np.ndarray] | None = None
+    at_measured_position: ScreeningScore | None = None
 
     def limits(self, detectable: float) -> list[SizeLimit]:
         """The sizes that change the sum of squares by ``detectable``, one for each shape, the smallest first.
