@@ -12,6 +12,7 @@ from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -277,6 +278,24 @@ def test_blocks_in_a_drawing_lead_to_their_pages(site, page):
     linked = re.findall(r'<a href="([^"]*blocks/\w+)\.html"><g class="\w+" data-block="', drawn)
     assert len(linked) == len(re.findall("data-block=", drawn)) > 0
     assert 'role="group"' in drawn  # an image has nothing inside that a key could reach
+
+
+SHAPES = {"a", "circle", "clipPath", "defs", "ellipse", "g", "line", "path", "polygon", "polyline", "rect", "style"}
+"""Elements of a drawing, beside its words. Within any other one, or one that does not end, nothing is shown."""
+
+
+def test_a_drawing_is_made_of_shapes_and_a_page_has_one_icon(site):
+    drawn = 0
+    for path in site.rglob("*.html"):
+        text = path.read_text(encoding="utf-8")
+        head, _, body = text.partition("</head>")
+        assert head.count('rel="icon"') == 1, path
+        assert 'rel="icon"' not in body, path
+        for one in re.findall(r'<svg [^>]*class="(?:block-diagram|chart)".*?</svg>', body, re.DOTALL):
+            tags = {element.tag.rpartition("}")[2] for element in ElementTree.fromstring(one).iter()}
+            assert tags <= {*SHAPES, "svg", "text", "tspan", "title", "desc", "use"}, path
+            drawn += 1
+    assert drawn > 400
 
 
 def test_pages_have_one_title_headings_in_order_and_words_for_pictures(site):

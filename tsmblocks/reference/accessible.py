@@ -9,7 +9,7 @@ from tsmblocks.html.pages import ICON
 CHANGES = (
     ('<aside class="sidebar-drawer">', '<aside class="sidebar-drawer" aria-label="All pages">'),
     ('<aside class="toc-drawer', '<aside aria-label="On this page" class="toc-drawer'),
-    ("</title>", f"</title>{ICON}"),
+    ("</head>", f"{ICON}</head>"),  # a title may be that of a drawing
     ("<pre>", '<pre tabindex="0">'),
     ('<div class="plot docutils container">', '<div tabindex="0" role="group" aria-label="plot" class="plot">'),
     ('<div class="table-wrapper', '<div tabindex="0" class="table-wrapper'),
