@@ -78,7 +78,7 @@ def test_without_an_angle_the_next_step_is_an_integrator(records):
 
 # ---- many periods in a turn, beside a torque that is commanded
 
-SLOTS, COGGING = 24, 0.006
+SLOTS, COGGING = 24, 0.003
 ALONE = Diagram(
     title="Motor without a controller",
     blocks={
@@ -105,7 +105,7 @@ def cogging(seed):
         speed, angle = state
         return (torque(s) - 0.0025 * speed - COGGING * np.sin(SLOTS * angle)) / INERTIA, speed
 
-    speed = solve_ivp(rates, (0.0, t[-1]), (0.0, 0.3), t_eval=t, rtol=1e-8, atol=1e-8, max_step=STEP).y[0]
+    speed = solve_ivp(rates, (0.0, t[-1]), (0.0, 0.3 * seed), t_eval=t, rtol=1e-8, atol=1e-8, max_step=STEP).y[0]
     signals = {"torque": torque(t), "speed": speed + rng.normal(0, NOISE, t.size)}
     return tsm.Record(f"run{seed}", t, signals, {"torque": "N*m", "speed": "rad/s"})
 

@@ -11,6 +11,7 @@ from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.decision import Shrinkage, fitted_candidate
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.held_parameters import with_held
+from tsmblocks.diagnosis.measured_position import in_own_names
 from tsmblocks.diagnosis.model import FINE_TOLERANCE, Model, ModelSettings, optimized
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.fitting.residuals import Problem
@@ -92,7 +93,8 @@ def starts_at_measured_position(
     there = score.at_measured_position
     if there is None:
         return []
-    ends = [fitted(there.problem, there.setup, start).values for start in there.starts]
+    found = [fitted(there.problem, there.setup, start).values for start in there.starts]
+    ends = [in_own_names(one, there.candidate, score.candidate) for one in found]
     pairs = list(zip(score.problem.unknowns.names, score.starts[0], strict=True))
     starts = [np.array([end.get(name, value) for name, value in pairs]) for end in ends]
     return [one for start in starts for one in (start, first_fit(score, start, fitted))]

@@ -68,10 +68,11 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
             screening_score, settings=search.settings, wires=wires, base=base, noise=own, screened=screened
         )
         score = screened_one(one, model, search.records)
-        if (over := at_measured_position(one, search.records, wires)) is not None:
+        if (over := at_measured_position(one, search.records)) is not None:
             candidate, records = over
             there = screened_one(candidate, model, records)
-            score = attrs.evolve(score, gain=max(score.gain, there.gain), at_measured_position=there)
+            noisy = np.maximum(score.noise_gains, there.noise_gains)
+            score = attrs.evolve(score, gain=max(score.gain, there.gain), noise_gains=noisy, at_measured_position=there)
         own_slow, family = slow[is_of_time(one)] if score.is_slow else None, family_of(one)
         if family == MOTION and not score.is_slow:  # slow noise does not resemble it
             score = attrs.evolve(score, noise_gains=np.tile(score.noise_gains[:SURROGATES], 2))
