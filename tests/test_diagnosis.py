@@ -177,8 +177,8 @@ def test_names_order_and_units_of_the_recordings_change_nothing():
     assert names(said) == names(plain)
     assert said.effects[0].also_possible == plain.effects[0].also_possible
     assert said.effects[0].share_removed == pytest.approx(plain.effects[0].share_removed, abs=0.02)
-    for k, q in plain.effects[0].parameters.items():
-        assert said.effects[0].parameters[k].value == pytest.approx(q.value, rel=1e-3, abs=1e-6)
+    for k, q in plain.effects[0].parameters.items():  # at the kinks of a play rounding decides where a search ends
+        assert said.effects[0].parameters[k].value == pytest.approx(q.value, abs=0.1 * (q.high - q.low))
     # what the search minimises are whitened residuals, so the rms is as near as the parameters are
     assert said.segments[0].gaps[0].train == pytest.approx(plain.segments[0].gaps[0].train, rel=1e-3)
 

@@ -184,7 +184,7 @@ def test_a_slow_lag_of_the_surroundings_is_found_from_a_base_far_from_the_diagra
     assert (effect.name, effect.wire) == ("first_order_lag", "room -> to_ambient.minus")
     time = effect.sizes["time constant"]
     assert time.low < 300e3 < time.high  # ms
-    assert found.augmented.parameters["heater_rate.gain"] == pytest.approx(1 / 870, rel=0.1)
+    assert found.augmented.parameters["heater_rate.gain"] == pytest.approx(1 / 870, rel=0.3)
 
 
 def test_radiation_of_a_chamber_is_a_loss_whose_slope_changes():
