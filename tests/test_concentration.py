@@ -4,6 +4,7 @@ import attrs
 import numpy as np
 import pytest
 
+from tests.test_report import UNKNOWN
 from tsmblocks.diagnosis.concentration import concentrations
 from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.segment import Trace
@@ -46,8 +47,6 @@ def test_an_error_where_alone_the_mechanism_moves_is_none_of_a_time():
 
 
 def test_the_next_step_says_when():
-    from tests.test_report import UNKNOWN
-
     (gap,) = UNKNOWN.gaps[:1]
     one = attrs.evolve(trace(during(310.0, 390.0)), output=gap.output)
     said = attrs.evolve(UNKNOWN, traces=(one,), gaps=(attrs.evolve(gap, noise_floor=0.01, sensor_floor=0.0),))

@@ -18,6 +18,9 @@ from tsmblocks.fitting.residuals import Problem
 from tsmblocks.fitting.setup import Setup
 from tsmblocks.fitting.step_size import halved
 
+Fitted = Callable[[Problem, Setup, np.ndarray], Model]
+"""A fit of a problem from a start."""
+
 MOST_HALVINGS = 2
 """Times that the step of a candidate is halved, at most. Chosen: for the run time."""
 FAILED_RATIO = 2.0
@@ -72,23 +75,24 @@ def _change_by_halving(model: Model) -> float:
     return float(np.mean((half[0].residuals(model.theta) - model.r) ** 2))
 
 
-def holds_first(score: ScreeningScore) -> bool:
-    """Whether a first fit of a candidate holds some of its parameters."""
-    return bool(score.candidate.trials.held_first)
+def starts_of_fit(score: ScreeningScore, known: FittedCandidate | None, fitted: Fitted) -> list[np.ndarray]:
+    """The starts of a candidate's fit, with those where fits end that hold some of its parameters.
+
+    They are those of its screening, those at which it ends over a measured position, and that which is ``known``.
+    """
+    starts = [*score.starts, *_starts_at_measured_position(score, fitted)]
+    held = [_with_first_held(score, start, fitted) for start in starts] if score.candidate.trials.held_first else []
+    return [*starts, *held, *_known_starts(score, known)]
 
 
-def first_fit(
-    score: ScreeningScore, start: np.ndarray, fitted: Callable[[Problem, Setup, np.ndarray], Model]
-) -> np.ndarray:
+def _with_first_held(score: ScreeningScore, start: np.ndarray, fitted: Fitted) -> np.ndarray:
     """Where a fit of a candidate ends that holds some of its parameters."""
     names = {f"{score.candidate.block}.{name}" for name in score.candidate.trials.held_first}
     held = np.array([item.parameter in names for item in score.problem.unknowns.items])
     return fitted(with_held(score.problem, start, held), score.setup, start).theta
 
 
-def starts_at_measured_position(
-    score: ScreeningScore, fitted: Callable[[Problem, Setup, np.ndarray], Model]
-) -> list[np.ndarray]:
+def _starts_at_measured_position(score: ScreeningScore, fitted: Fitted) -> list[np.ndarray]:
     """Starts of a candidate's fit where fits over a measured position end, if it was screened there as well."""
     there = score.at_measured_position
     if there is None:
@@ -96,11 +100,10 @@ def starts_at_measured_position(
     found = [fitted(there.problem, there.setup, start).values for start in there.starts]
     ends = [in_own_names(one, there.candidate, score.candidate) for one in found]
     pairs = list(zip(score.problem.unknowns.names, score.starts[0], strict=True))
-    starts = [np.array([end.get(name, value) for name, value in pairs]) for end in ends]
-    return [one for start in starts for one in (start, first_fit(score, start, fitted))]
+    return [np.array([end.get(name, value) for name, value in pairs]) for end in ends]
 
 
-def known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:
+def _known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:
     """The start of a candidate's fit at the parameters of the same effect in a model with other effects, if known."""
     if known is None or known.candidate.effect.name != score.candidate.effect.name:
         return []

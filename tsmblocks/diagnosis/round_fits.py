@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tsmblocks.diagnosis.candidate_fits import (
-    first_fit,
-    holds_first,
-    known_starts,
-    start_at,
-    starts_at_measured_position,
-)
+from tsmblocks.diagnosis.candidate_fits import Fitted, start_at, starts_of_fit
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.initial_states import refine_memories
 from tsmblocks.diagnosis.model import Model, optimized
@@ -24,8 +18,6 @@ from tsmblocks.diagnosis.search_rounds import SearchContext
 from tsmblocks.diagnosis.shape_trial import with_narrow_bounds
 from tsmblocks.fitting.column_space import SQUARED_EFFECT_TOLERANCE, column_space
 from tsmblocks.fitting.inner_products import square
-from tsmblocks.fitting.residuals import Problem
-from tsmblocks.fitting.setup import Setup
 
 MEMORY_SEARCH_RATIO = 2.0
 """Mean square [those of the best candidate] up to which memories are searched again. Chosen: for the run time."""
@@ -52,12 +44,10 @@ def fits_from_starts(
 ) -> list[Fit]:
     """The candidates fitted from all their starting points, with the ``options`` of ``optimized``."""
     fits: list[Fit] = []
-    fitted: Callable[[Problem, Setup, np.ndarray], Model] = functools.partial(optimized, **options)
+    fitted: Fitted = functools.partial(optimized, **options)
     for k, one in enumerate(scores):
         search.progress("fitted", k, len(scores))
-        starts = [*one.starts, *(first_fit(one, start, fitted) for start in one.starts if holds_first(one))]
-        starts += [*starts_at_measured_position(one, fitted), *known_starts(one, known)]
-        ends = [fitted(one.problem, one.setup, start) for start in starts]
+        ends = [fitted(one.problem, one.setup, start) for start in starts_of_fit(one, known, fitted)]
         fits.append(Fit(one, min(ends, key=lambda m: m.mean_square)))
     return fits
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.candidates import candidates, replacement_candidates, wire_signals
+from tsmblocks.data.record import Record
+from tsmblocks.diagnosis.candidates import Candidate, candidates, replacement_candidates, wire_signals
 from tsmblocks.diagnosis.critical_gains import MOTION, SLOW, SURROGATES, family_of, is_of_time
 from tsmblocks.diagnosis.decision import Shrinkage
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
@@ -61,16 +61,16 @@ def screened_candidates(model: Model, shrinkage: Shrinkage, search: SearchContex
     noise, slow_noise = _noise(model, base, search)
     whole = square(model.r)
     slow = {k: (float(slow_sums(model, model.r[:, None])[0]), one) for k, one in slow_noise.items()}
+
+    def score_of(one: Candidate, records: Mapping[str, Record]) -> ScreeningScore:
+        own = noise[is_of_time(one)]
+        return screening_score(one, model, records, search.settings, wires, base, own, screened)
+
     for k, one in enumerate(every):
         search.progress("tried", k, len(every))
-        own = noise[is_of_time(one)]
-        screened_one = functools.partial(
-            screening_score, settings=search.settings, wires=wires, base=base, noise=own, screened=screened
-        )
-        score = screened_one(one, model, search.records)
+        score = score_of(one, search.records)
         if (over := at_measured_position(one, search.records)) is not None:
-            candidate, records = over
-            there = screened_one(candidate, model, records)
+            there = score_of(*over)
             noisy = np.maximum(score.noise_gains, there.noise_gains)
             score = attrs.evolve(score, gain=max(score.gain, there.gain), noise_gains=noisy, at_measured_position=there)
         own_slow, family = slow[is_of_time(one)] if score.is_slow else None, family_of(one)

@@ -9,8 +9,6 @@ from __future__ import annotations
 import attrs
 import numpy as np
 
-from tsmblocks.fitting.inner_products import square
-
 NEGLIGIBLE_SIZE = 0.03
 """Deviation of a correlated error [rms noise] below which it is left out. Chosen: it adds a thousandth of the noise."""
 
@@ -55,9 +53,7 @@ class Whitening:
 
     def deviance(self, differences: np.ndarray) -> float:
         """Minus twice the logarithm of the likelihood of errors (N,) that are not whitened, but for a constant."""
-        variances = 1 + self.sizes**2
-        parts = self.directions.T @ differences
-        return square(differences) - square(parts) + float(np.sum(parts**2 / variances + np.log(variances)))
+        return float(self.squares(differences[:, None])[0] + np.sum(np.log(1 + self.sizes**2)))
 
     @property
     def variances(self) -> np.ndarray:
