@@ -82,7 +82,7 @@ def starts_of_fit(score: ScreeningScore, known: FittedCandidate | None, fitted: 
     """
     starts = [*score.starts, *_starts_at_measured_position(score, fitted)]
     held = [_with_first_held(score, start, fitted) for start in starts] if score.candidate.trials.held_first else []
-    return [*starts, *held, *_known_starts(score, known)]
+    return [*starts, *held, *known_starts(score, known)]
 
 
 def _with_first_held(score: ScreeningScore, start: np.ndarray, fitted: Fitted) -> np.ndarray:
@@ -103,7 +103,7 @@ def _starts_at_measured_position(score: ScreeningScore, fitted: Fitted) -> list[
     return [np.array([end.get(name, value) for name, value in pairs]) for end in ends]
 
 
-def _known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:
+def known_starts(score: ScreeningScore, known: FittedCandidate | None) -> list[np.ndarray]:
     """The start of a candidate's fit at the parameters of the same effect in a model with other effects, if known."""
     if known is None or known.candidate.effect.name != score.candidate.effect.name:
         return []
