@@ -7,7 +7,7 @@ import pytest
 
 import tsmblocks as tsm
 from tsmblocks import blocks as b
-from tsmblocks.diagnosis.oscillation import is_of_a_tone, repeats_another
+from tsmblocks.diagnosis.oscillation import follows_motion, is_of_a_tone, repeats_another
 
 REACH = np.pi / 4  # a signal with a range of a quarter turn
 
@@ -47,22 +47,59 @@ def test_without_a_scale_no_period_over_a_position_is_judged():
     assert not repeats_another(model, one)
 
 
+T = np.arange(0.0, 20.0, 0.01)
+TONES = np.sin(2 * np.pi * 0.31 * T) + 0.05 * np.sin(2 * np.pi * 7.31 * T + 1.0)
+STEPS = np.sign(np.sin(0.5 * T**1.7))  # of ever shorter periods
+
+
+def with_frequency(frequency, motions, left=0.0):
+    """A model with an oscillation that leaves ``left`` of unit residuals, which the base leaves of each experiment."""
+    noise = 0.01 * np.random.default_rng(4).standard_normal(len(T))
+    records = {f"r{k}": tsm.Record(f"r{k}", T, {"u": u + noise}, {"u": "V"}) for k, u in enumerate(motions)}
+    setup = SimpleNamespace(
+        experiments=[SimpleNamespace(record=one, name=name) for name, one in records.items()], outputs={"y": None}
+    )
+    segments = [slice(k * len(T), (k + 1) * len(T)) for k in range(len(motions))]
+    item = SimpleNamespace(parameter="new.frequency")
+    problem = SimpleNamespace(unknowns=SimpleNamespace(items=[item]), segments=segments)
+    differences = np.ones(len(motions) * len(T))
+    base = SimpleNamespace(differences=differences)
+    model = SimpleNamespace(
+        problem=problem,
+        theta=np.array([frequency]),
+        setup=setup,
+        diagram=SimpleNamespace(inputs={"u": None}),
+        differences=differences * np.repeat(np.broadcast_to(left, len(motions)), len(T)),
+    )
+    return model, base, SimpleNamespace(free=("new.frequency",))
+
+
 @pytest.mark.parametrize(
     ("frequency", "tone"),
-    [(7.31, True), (7.31 + 0.024, True), (7.31 + 0.11, False), (5.0, False), (0.31, True)],
+    [(7.31, True), (7.31 + 0.024, True), (7.31 + 0.03, False), (5.0, False), (0.31, True)],
     ids=["small tone", "within half the resolution", "beside it", "elsewhere", "main tone"],
 )
 def test_an_oscillation_at_a_tone_of_the_input_is_no_disturbance(frequency, tone):
-    t = np.arange(0.0, 20.0, 0.01)
-    noise = 0.01 * np.random.default_rng(4).standard_normal(len(t))
-    u = np.sin(2 * np.pi * 0.31 * t) + 0.05 * np.sin(2 * np.pi * 7.31 * t + 1.0) + noise
-    item = SimpleNamespace(parameter="new.frequency")
-    problem = SimpleNamespace(unknowns=SimpleNamespace(items=[item]))
-    record = tsm.Record("run", t, {"u": u}, {"u": "V"})
-    setup = SimpleNamespace(experiments=[SimpleNamespace(record=record)])
-    diagram = SimpleNamespace(inputs={"u": None})
-    model = SimpleNamespace(problem=problem, theta=np.array([frequency]), setup=setup, diagram=diagram)
-    assert is_of_a_tone(model, SimpleNamespace(free=("new.frequency",))) is tone
+    assert is_of_a_tone(*with_frequency(frequency, [TONES])) is tone
+
+
+@pytest.mark.parametrize("of_motion", [is_of_a_tone, follows_motion])
+@pytest.mark.parametrize(
+    ("left", "follows"),
+    [([0.0, 0.8, 0.8], True), ([0.0, 0.5, 0.5], False), ([0.8, 0.0, 0.0], False), ([0.0, 1.0, 1.0], True)],
+)
+def test_an_oscillation_follows_the_motion_where_it_explains_most_in_motions_of_its_frequency(of_motion, left, follows):
+    assert of_motion(*with_frequency(0.31, [TONES, STEPS, STEPS], left)) is follows
+
+
+@pytest.mark.parametrize(("frequency", "follows"), [(0.31, True), (5 * 0.31, True), (9.3 * 0.31, False), (0.36, False)])
+def test_harmonics_of_the_motion_follow_it(frequency, follows):
+    assert follows_motion(*with_frequency(frequency, [TONES])) is follows
+
+
+def test_a_slow_motion_is_no_period_whose_harmonics_follow_it():
+    slow = np.sin(2 * np.pi * 0.8 * T / T[-1])
+    assert not follows_motion(*with_frequency(5 * 0.8 / T[-1], [slow]))
 
 
 LAG = tsm.Diagram(

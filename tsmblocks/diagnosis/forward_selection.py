@@ -162,8 +162,8 @@ def _why_untenable(
 
     ``by_motion`` is what the motion predicts of the same sum of squares.
     """
-    of_motion = follows_motion(fitted, candidate)
-    if gain < MIN_GAIN_BESIDE_MOTION * by_motion() if of_motion else is_of_a_tone(fitted, candidate):
+    of_motion = follows_motion(fitted, base, candidate)
+    if gain < MIN_GAIN_BESIDE_MOTION * by_motion() if of_motion else is_of_a_tone(fitted, base, candidate):
         yield "its frequency is that of the motion"
     if is_oscillation(candidate) and comes_back_with_motion(fitted, candidate):
         yield "it comes back with the motion"

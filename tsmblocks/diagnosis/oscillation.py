@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.partition import experiment_of, rows_of_experiments
 from tsmblocks.fitting.experiments import Experiment
 
 MAX_HARMONIC = 8
@@ -18,6 +19,9 @@ MIN_LINE_SHARE = 0.1
 LINE_RATIO, LEAST_LINE = 20.0, 1e-4
 """Share of an input's variance at one frequency, over those beside it, from which that is a line of the input, and such
 a share at least. Chosen: noise exceeds it once in 10^8; less moves nothing that is seen."""
+MOST_OF_GAIN = 0.5
+"""Share of what an oscillation explains, in experiments with its frequency in their motion, from which it follows the
+motion. Chosen: the larger part."""
 FREQUENCIES = 41
 """Frequencies at which a line of the motion is looked for, over twice the resolution. Chosen: a twentieth of it."""
 
@@ -37,23 +41,49 @@ def is_oscillation(candidate: Candidate) -> bool:
     return any(name in PERIODS for name in candidate.effect.free)
 
 
-def follows_motion(model: Model, candidate: Candidate) -> bool:
-    """Whether the fitted frequency of an effect is a harmonic of a frequency of the motion.
+def follows_motion(model: Model, base: Model, candidate: Candidate) -> bool:
+    """Whether the fitted frequency of an effect is a harmonic of a frequency of the motion, where it is needed.
 
     A model error that is a function of the motion has these frequencies. An oscillation of the time explains it as
-    well as long as the motion keeps its phase, and not in another recording.
+    well as long as the motion keeps its phase, and not in another recording. What reduces the residual of the model
+    ``base`` mostly in experiments whose motion has none of these frequencies does not follow the motion.
     """
-    harmonics = range(1, MAX_HARMONIC + 1)
-    own = _frequencies(model, candidate)
-    return any(_is_harmonic(model, name, f, k) for f in own for k in harmonics for name in model.diagram.inputs)
+    return _is_of_most(_is_harmonic, model, base, candidate)
 
 
-def is_of_a_tone(model: Model, candidate: Candidate) -> bool:
+def is_of_a_tone(model: Model, base: Model, candidate: Candidate) -> bool:
     """Whether the fitted frequency of an effect is that of a tone of an input, however small, as in a sum of sines.
 
-    A disturbance would hardly have just that frequency: the model has an error there.
+    A disturbance would hardly have just that frequency: the model has an error there. Experiments count as in
+    ``follows_motion``.
     """
-    return any(_is_tone(model, name, f) for f in _frequencies(model, candidate) for name in model.diagram.inputs)
+    return _is_of_most(_is_tone, model, base, candidate)
+
+
+def _is_of_most(
+    is_in: Callable[[Sequence[Experiment], str, float], bool], model: Model, base: Model, candidate: Candidate
+) -> bool:
+    """Whether most of what an effect explains lies in experiments in whose motion its frequency is (``is_in``)."""
+    own, names = _frequencies(model, candidate), model.diagram.inputs
+    if not own:
+        return False
+    followed = [any(is_in(pieces, name, f) for f in own for name in names) for pieces in _pieces(model)]
+    gains = np.sum([_gains(model, base, output) for output in range(len(model.setup.outputs))], axis=0)
+    return bool(any(followed) and gains @ followed > MOST_OF_GAIN * gains.sum())
+
+
+def _pieces(model: Model) -> list[list[Experiment]]:
+    """The experiments, each in its pieces."""
+    groups: dict[str, list[Experiment]] = {}
+    for one in model.setup.experiments:
+        groups.setdefault(experiment_of(one.name), []).append(one)
+    return list(groups.values())
+
+
+def _gains(model: Model, base: Model, output: int) -> list[float]:
+    """What a model reduces the sum of squared differences of an output by, experiment by experiment."""
+    before, after = base.differences**2, model.differences**2
+    return [float((before[rows] - after[rows]).sum()) for rows in rows_of_experiments(model, output).values()]
 
 
 def _frequencies(model: Model, candidate: Candidate) -> list[float]:
@@ -102,15 +132,20 @@ def repeats_another(model: Model, candidate: Candidate) -> bool:
     return any(n == m and abs(abs(f) - abs(g)) * spans[n] < 0.5 for n, f in own for m, g in others)
 
 
-def _is_harmonic(model: Model, name: str, frequency: float, k: int) -> bool:
-    """Whether a frequency [Hz] is ``k`` times one of an input, within the resolution of the recordings."""
-    experiments = model.setup.experiments
-    if not _line_share(experiments, name, frequency / k) > MIN_LINE_SHARE:
-        return False
+def _is_harmonic(experiments: Sequence[Experiment], name: str, frequency: float) -> bool:
+    """Whether a frequency [Hz] is a multiple of one of an input, within the resolution of the recordings.
+
+    Of one with a whole period in a recording: less of a sine is any slow motion.
+    """
     resolution = 1 / max(float(np.ptp(one.record.t)) for one in experiments)
-    near = frequency / k + resolution * np.linspace(-1, 1, FREQUENCIES)
-    line = near[int(np.argmax([_line_share(experiments, name, f) for f in near]))]
-    return bool(abs(frequency - k * line) <= resolution / 2)
+    for k in range(1, MAX_HARMONIC + 1):
+        if frequency / k < resolution or not _line_share(experiments, name, frequency / k) > MIN_LINE_SHARE:
+            continue
+        near = frequency / k + resolution * np.linspace(-1, 1, FREQUENCIES)
+        line = near[int(np.argmax([_line_share(experiments, name, f) for f in near]))]
+        if abs(frequency - k * line) <= resolution / 2:
+            return True
+    return False
 
 
 def _sign_of_motion(model: Model, name: str, other_name: str) -> float:
@@ -128,15 +163,16 @@ def _sign_of_motion(model: Model, name: str, other_name: str) -> float:
     return signs.pop() if len(signs) == 1 else 0.0
 
 
-def _is_tone(model: Model, name: str, frequency: float) -> bool:
-    """Whether a frequency [Hz] is that of a line in the spectrum of an input in any experiment."""
-    for experiment in model.setup.experiments:
+def _is_tone(experiments: Sequence[Experiment], name: str, frequency: float) -> bool:
+    """Whether a frequency [Hz] is that of a line in the spectrum of an input in any of some experiments."""
+    for experiment in experiments:
         resolution = 1 / float(np.ptp(experiment.record.t))
-        near = frequency + resolution / 2 * np.linspace(-1, 1, FREQUENCIES)
+        near = frequency + resolution * np.linspace(-1, 1, FREQUENCIES)
         beside = frequency + resolution * np.array([-6.0, -5.0, -4.0, -3.0, 3.0, 4.0, 5.0, 6.0])
-        line = max(_line_share([experiment], name, f) for f in near)
+        shares = [_line_share([experiment], name, f) for f in near]
+        line, highest = max(shares), near[int(np.argmax(shares))]
         around = float(np.mean([_line_share([experiment], name, f) for f in beside if f > 0]))
-        if line > max(LEAST_LINE, LINE_RATIO * around):
+        if line > max(LEAST_LINE, LINE_RATIO * around) and abs(frequency - highest) <= resolution / 2:
             return True
     return False
 
