@@ -205,14 +205,20 @@ def test_effects_shrink_to_their_null_by_the_size_that_is_typical_of_them():
 
 def test_weights_of_the_ridge():
     """1 / size^2, of an estimate larger than that 1 / estimate^2; nothing for parameters of the base."""
-    items = [SimpleNamespace(parameter=name) for name in ("base", "b.small", "b.large", "b.free", "b.still")]
+    items = [SimpleNamespace(parameter=name) for name in ("base", "b.small", "b.large", "b.free", "b.still", "b.none")]
     unknowns = SimpleNamespace(items=items)
-    theta = np.array([7.0, 0.1, -4.0, 3.0, 0.0])
+    theta = np.array([7.0, 0.1, -4.0, 3.0, 0.0, 0.0])
     model = SimpleNamespace(theta=theta, problem=SimpleNamespace(unknowns=unknowns))
-    sizes = {"b.small": (0.5, 2.0), "b.large": (0.0, 2.0), "b.free": (np.nan, 2.0), "b.still": (np.nan, 0.0)}
+    sizes = {
+        "b.small": (0.5, 2.0),
+        "b.large": (0.0, 2.0),
+        "b.free": (np.nan, 2.0),
+        "b.still": (np.nan, 0.0),
+        "b.none": (0.0, 0.0),
+    }
     ridge, null = ridge_weights(sizes, model)
-    assert ridge.tolist() == [0.0, 1 / 4, 1 / 16, 1 / 4, 1.0]
-    assert null.tolist() == [7.0, 0.5, 0.0, 3.0, 0.0]
+    assert ridge.tolist() == [0.0, 1 / 4, 1 / 16, 1 / 4, 1.0, 1.0]
+    assert null.tolist() == [7.0, 0.5, 0.0, 3.0, 0.0, 0.0]
 
 
 def test_a_loss_that_is_not_tenable_might_not_be_reached():

@@ -418,6 +418,47 @@ def test_a_part_between_an_input_and_a_position_that_it_moves_has_a_deflection()
     assert "deflection" not in [one[0] for one in where(apart, ["v"])]
 
 
+def test_a_part_between_a_drive_and_a_position_that_it_moves_has_a_deflection():
+    """A gap in the spring behind a drive that lags its command is found, by a simulation by hand."""
+    driven = Diagram(
+        blocks={
+            "drive": FirstOrderLag(time_constant=0.018),
+            "twist": Sum(signs="+-"),
+            "spring": Gain(gain=600.0, unit="rad/s^2"),
+            "net": Sum(signs="+-"),
+            "speed": Integrator(),
+            "angle": Integrator(),
+            "damping": Gain(gain=5.0, unit="rad/s^2"),
+        },
+        wires=[
+            "drive -> twist.plus",
+            "twist -> spring -> net.plus",
+            "net -> speed -> angle -> twist.minus",
+            "speed -> damping -> net.minus",
+        ],
+        inputs={"command": tsm.Inlet("drive.u", "rad")},
+        outputs={"joint": "angle"},
+    )
+    assert ("deflection", "joint", "twist.y", "", "twist.y -> spring.u") in where(driven, ["joint"])
+    step, fine = 0.005, 20
+    t = step * np.arange(2000)
+    command = sum(0.2 * np.sin(2 * np.pi * f * t + k) for k, f in enumerate((0.23, 0.61, 1.7, 3.9)))
+    position, x, v, joint = float(command[0]), float(command[0]), 0.0, []
+    for u in np.interp(step / fine * np.arange(len(t) * fine), t, command):
+        joint.append(x)
+        twist = position - x
+        position += step / fine * (u - position) / 0.02
+        v += step / fine * (700.0 * (twist - min(max(twist, -0.002), 0.002)) - 6.0 * v)
+        x += step / fine * v
+    y = np.array(joint[::fine]) + 3e-4 * np.random.default_rng(3).standard_normal(len(t))
+    record = tsm.Record("run", t, {"command": command, "joint": y}, {"command": "rad", "joint": "rad"})
+    found = tsm.diagnose(driven, record, effects=["backlash", "coulomb_friction", "rate_dependence", "resonance"])
+    (effect,) = found.effects
+    assert (effect.name, effect.wire) == ("backlash", "twist.y -> spring.u")
+    width = effect.sizes["gap width"]
+    assert width.low < 0.004 < width.high < 1.3 * width.low
+
+
 def test_an_output_that_shows_an_input_has_no_wire_between():
     through = Diagram(blocks={"k": Gain()}, inputs={"x": "k"}, outputs={"x_in": "x", "y": "k"})
     assert {s.output for s in insertion_points(through, ["x_in", "y"]) if s.place == "output"} == {"y"}

@@ -66,9 +66,10 @@ def is_elastic(diagram: Diagram, difference: str) -> bool:
 
 
 def is_deflection(diagram: Diagram, block: str, port: str) -> bool:
-    """Whether a block takes a signal that a force at ``port`` moves from another such signal, or from an input.
+    """Whether a block takes a signal that a force at ``port`` moves from another such signal, or from a given one.
 
-    It is a difference of positions, or the integral of one of speeds. A difference from an input that becomes a
+    One is given that is an input, or that no force moves, as the position of a drive behind its gear. It is a
+    difference of positions, or the integral of one of speeds. A difference from an input that becomes a
     command, and no force, is a control error; so is one of speeds from an input, whatever its integral becomes.
     """
     into = [x.source[0] for x in diagram.links if x.target[0] == block]
@@ -77,10 +78,12 @@ def is_deflection(diagram: Diagram, block: str, port: str) -> bool:
     if not isinstance(diagram.blocks[difference], Sum):
         return False
     ends = [".".join(x.source) for x in diagram.links if x.target[0] == difference]
-    inputs = sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)
-    moved = (integration_count(diagram, end, before=port, after="") >= FORCE_TO_POSITION - of_speeds for end in ends)
+    count = len(ends) + sum(end[0] == difference for inlets in diagram.inlets.values() for end in inlets)
+    behind = blocks_behind(diagram, difference)
+    ends = [end for end in ends if of_speeds or end.partition(".")[0] in behind]  # the others are given
+    moved = [integration_count(diagram, end, before=port, after="") >= FORCE_TO_POSITION - of_speeds for end in ends]
     elastic = not has_reference(diagram, difference) or (not of_speeds and is_elastic(diagram, block))
-    return len(ends) + inputs > 1 and all(moved) and elastic
+    return count > 1 and bool(moved) and all(moved) and elastic
 
 
 def in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str, str]:

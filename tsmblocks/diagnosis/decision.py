@@ -126,7 +126,8 @@ def ridge_weights(shrinkage: Shrinkage, model: Model) -> tuple[np.ndarray, np.nd
         if item.parameter in shrinkage:
             zero, size = shrinkage[item.parameter]
             estimate = abs(model.theta[k])
-            ridge[k] = 1 / ((size or estimate or 1.0) if np.isnan(zero) else max(size, estimate)) ** 2
+            scale = (size or estimate) if np.isnan(zero) else max(size, estimate)
+            ridge[k] = 1 / (scale**2 or 1.0)  # neither a trial size nor an estimate: no scale is known
             null[k] = model.theta[k] if np.isnan(zero) else zero
     return ridge, null
 
