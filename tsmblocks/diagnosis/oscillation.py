@@ -68,7 +68,9 @@ def _is_of_most(
     if not own:
         return False
     followed = [any(is_in(pieces, name, f) for f in own for name in names) for pieces in _pieces(model)]
-    gains = np.sum([_gains(model, base, output) for output in range(len(model.setup.outputs))], axis=0)
+    fall = base.differences**2 - model.differences**2
+    rows = (rows_of_experiments(model, output).values() for output in range(len(model.setup.outputs)))
+    gains = np.sum([[fall[own_rows].sum() for own_rows in of_output] for of_output in rows], axis=0)
     return bool(any(followed) and gains @ followed > MOST_OF_GAIN * gains.sum())
 
 
@@ -78,12 +80,6 @@ def _pieces(model: Model) -> list[list[Experiment]]:
     for one in model.setup.experiments:
         groups.setdefault(experiment_of(one.name), []).append(one)
     return list(groups.values())
-
-
-def _gains(model: Model, base: Model, output: int) -> list[float]:
-    """What a model reduces the sum of squared differences of an output by, experiment by experiment."""
-    before, after = base.differences**2, model.differences**2
-    return [float((before[rows] - after[rows]).sum()) for rows in rows_of_experiments(model, output).values()]
 
 
 def _frequencies(model: Model, candidate: Candidate) -> list[float]:
@@ -141,11 +137,19 @@ def _is_harmonic(experiments: Sequence[Experiment], name: str, frequency: float)
     for k in range(1, MAX_HARMONIC + 1):
         if frequency / k < resolution or not _line_share(experiments, name, frequency / k) > MIN_LINE_SHARE:
             continue
-        near = frequency / k + resolution * np.linspace(-1, 1, FREQUENCIES)
-        line = near[int(np.argmax([_line_share(experiments, name, f) for f in near]))]
+        _, line = _highest_line(experiments, name, frequency / k, resolution)
         if abs(frequency - k * line) <= resolution / 2:
             return True
     return False
+
+
+def _highest_line(
+    experiments: Sequence[Experiment], name: str, frequency: float, resolution: float
+) -> tuple[float, float]:
+    """The largest share of an input's variance near a frequency [Hz], and the frequency [Hz] that has it."""
+    near = frequency + resolution * np.linspace(-1, 1, FREQUENCIES)
+    shares = [_line_share(experiments, name, f) for f in near]
+    return max(shares), float(near[int(np.argmax(shares))])
 
 
 def _sign_of_motion(model: Model, name: str, other_name: str) -> float:
@@ -167,12 +171,10 @@ def _is_tone(experiments: Sequence[Experiment], name: str, frequency: float) -> 
     """Whether a frequency [Hz] is that of a line in the spectrum of an input in any of some experiments."""
     for experiment in experiments:
         resolution = 1 / float(np.ptp(experiment.record.t))
-        near = frequency + resolution * np.linspace(-1, 1, FREQUENCIES)
         beside = frequency + resolution * np.array([-6.0, -5.0, -4.0, -3.0, 3.0, 4.0, 5.0, 6.0])
-        shares = [_line_share([experiment], name, f) for f in near]
-        line, highest = max(shares), near[int(np.argmax(shares))]
+        share, line = _highest_line([experiment], name, frequency, resolution)
         around = float(np.mean([_line_share([experiment], name, f) for f in beside if f > 0]))
-        if line > max(LEAST_LINE, LINE_RATIO * around) and abs(frequency - highest) <= resolution / 2:
+        if share > max(LEAST_LINE, LINE_RATIO * around) and abs(frequency - line) <= resolution / 2:
             return True
     return False
 
