@@ -8,7 +8,7 @@ import casadi as ca
 
 from tsmblocks.blocks.hysteresis import check_weights, plays
 from tsmblocks.blocks.linear_systems import initial_states
-from tsmblocks.blocks.transmission import after
+from tsmblocks.blocks.time_varying import after
 from tsmblocks.model.block import Block, Input, Output, State, block, parameter, state
 
 

@@ -165,6 +165,14 @@ def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
     return WireSignals(signals, steps, session, measured_ranges(model))
 
 
+def with_scales_in(model: Model, candidate: Candidate) -> Candidate:
+    """The candidate with the scales of its signals in a model that has it.
+
+    Without it a signal in front of an output has the range of the measurement: a bent sensor shows another one.
+    """
+    return attrs.evolve(candidate, scales=wire_signals(model, [candidate.point]).scales(candidate.point))
+
+
 def measured_ranges(model: Model) -> dict[str, tuple[float, float]]:
     """The range in which each output was measured, by the name of the signal that it shows."""
     found, experiments = dict[str, tuple[float, float]](), model.setup.experiments

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.diagnosis.candidates import with_scales_in
 from tsmblocks.diagnosis.cross_validation import held_out_residuals
 from tsmblocks.diagnosis.decision import mean_loss, ridge_weights, shrinkage_of
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
@@ -118,7 +119,8 @@ def _named(
     diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diagram: Diagram, estimate: Estimate
 ) -> NamedEffect:
     """One effect, with its parameters and sizes in the final model."""
-    indistinguishable, candidate = diagnosed.rounds[k].indistinguishable, diagnosed.named[k].candidate
+    indistinguishable = diagnosed.rounds[k].indistinguishable
+    candidate = with_scales_in(diagnosed.models[-1], diagnosed.named[k].candidate)
     effect, point = candidate.effect, in_whole_diagram(candidate.point, diagnosed.part)
     across = None
     if diagnosed.has_several_experiments and not effect.local:

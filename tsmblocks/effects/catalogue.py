@@ -7,7 +7,18 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.effects import delay, end_stops, friction, loads, loop, maps, scale_and_zero, time_varying, transmission
+from tsmblocks.effects import (
+    delay,
+    end_stops,
+    friction,
+    limits,
+    loads,
+    loop,
+    maps,
+    scale_and_zero,
+    time_varying,
+    transmission,
+)
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.relative import Relative
 from tsmblocks.effects.relatives import RELATIVES
@@ -25,7 +36,7 @@ def catalogue() -> tuple[Effect, ...]:
     tuple of Effect
         The effects of the toolbox in a fixed order, then the registered ones; variants of one name are neighbours.
     """
-    modules = (friction, loop, delay, maps, end_stops, loads, scale_and_zero, time_varying, transmission)
+    modules = (friction, loop, delay, limits, maps, end_stops, loads, scale_and_zero, time_varying, transmission)
     shipped = [effect for module in modules for effect in module.EFFECTS]
     names = list(dict.fromkeys(effect.name for effect in shipped))
     shipped.sort(key=lambda effect: names.index(effect.name))

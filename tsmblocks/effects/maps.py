@@ -1,26 +1,14 @@
-"""Static effects of a signal: slack, saturation, nonlinear characteristics, ripple."""
+"""Static effects of a signal: nonlinear characteristics, ripple."""
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping
-from types import SimpleNamespace
 
 import attrs
 import numpy as np
 
-from tsmblocks.blocks import (
-    AsymmetricGain,
-    Bend,
-    Bow,
-    DeadZone,
-    Ripple,
-    Saturation,
-    Slack,
-    SoftDeadZone,
-    SoftSaturation,
-)
+from tsmblocks.blocks import AsymmetricGain, Bend, Bow, Ripple
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials
@@ -47,30 +35,6 @@ end of the range."""
 
 PERIOD_OF_RIPPLE = Size("period", lambda p, _: 2 * math.pi / p["cycles"])
 """The distance from crest to crest."""
-LIMITS = (in_proportion("lower limit", "low"), in_proportion("upper limit", "high"))
-"""The ends of a saturation."""
-
-
-def _slope_lost(side: float, p: Mapping[str, float], scales: Scales) -> float:
-    """By how much a soft saturation is flatter in the outer half than in the inner one [%], to one side of the middle.
-
-    NaN where its limits cross, as they may within the interval of limits that are hardly determined.
-    """
-    if not p["low"] < p["high"]:
-        return math.nan
-    block = SoftSaturation(low=p["low"], high=p["high"], softness=p["softness"])
-    none, half, whole = (
-        float(block.outputs(0.0, None, SimpleNamespace(u=scales.wire.middle + side * share * scales.wire.reach))["y"])
-        for share in (0.0, 0.5, 1.0)
-    )
-    return PERCENT * (1 - (whole - half) / (half - none))
-
-
-SLOPES_LOST = tuple(
-    Size(f"slope lost at the {end} end", functools.partial(_slope_lost, side), "%")
-    for end, side in (("upper", 1.0), ("lower", -1.0))
-)
-"""How far a soft saturation bends at the ends of the range."""
 
 
 def _polynomial(p: Mapping[str, float], away: float) -> float:
@@ -82,45 +46,6 @@ def _polynomial(p: Mapping[str, float], away: float) -> float:
 BENT_AT_ENDS = Size("added at the ends", lambda p, scales: _polynomial(p, scales.wire.reach))
 BENT_AT_UPPER_END = Size("added at the upper end", lambda p, scales: _polynomial(p, scales.wire.high - p["centre"]))
 BENT_AT_LOWER_END = Size("added at the lower end", lambda p, scales: _polynomial(p, scales.wire.low - p["centre"]))
-
-
-def _dead_zone_trials(scales: Scales) -> Trials:
-    reach = scales.wire.reach
-    shapes = tuple({"low": -share * reach, "high": share * reach} for share in (0.01, 0.03, 0.1, 0.25))
-    return Trials({}, shapes, bounds={"low": (-reach, 0.0), "high": (0.0, reach)})
-
-
-def _soft_dead_zone_trials(scales: Scales) -> Trials:
-    reach = scales.wire.reach
-    quarters = ({"centre": scales.wire.middle - reach / 2}, {"centre": scales.wire.middle + reach / 2})
-    shapes = tuple(
-        {"half_width": share * reach, "softness": 0.3 * share * reach, **centre}
-        for shares, places in (((0.01, 0.03, 0.1, 0.25), centres(scales)), ((0.01, 0.1), quarters))
-        for centre in places
-        for share in shares
-    )
-    bounds = {
-        "half_width": (0.0, reach),
-        "softness": (1e-4 * reach, 0.5 * reach),
-        "centre": (scales.wire.low, scales.wire.high),
-    }
-    return Trials({}, shapes, bounds=bounds)
-
-
-def _saturation_trials(scales: Scales) -> Trials:
-    wire = scales.wire
-    margin = 0.02 * wire.reach
-    sides = [(a, b) for share in (0.98, 0.9, 0.75, 0.55) for a, b in ((share, share), (share, 1.02), (1.02, share))]
-    shapes = tuple({"low": wire.middle - a * wire.reach, "high": wire.middle + b * wire.reach} for a, b in sides)
-    bounds = {"low": (wire.low - 2 * margin, wire.middle), "high": (wire.middle, wire.high + 2 * margin)}
-    return Trials({}, shapes, bounds=bounds)
-
-
-def _soft_saturation_trials(scales: Scales) -> Trials:
-    wire, hard = scales.wire, _saturation_trials(scales)
-    shapes = tuple({**shape, "softness": share * wire.reach} for shape in hard.shapes for share in (0.03, 0.12))
-    limits = {"low": (wire.low - wire.reach, wire.middle), "high": (wire.middle, wire.high + wire.reach)}
-    return Trials({}, shapes, bounds={**limits, "softness": (1e-3 * wire.reach, wire.reach)})
 
 
 def _even_trials(scales: Scales) -> Trials:
@@ -177,31 +102,6 @@ def _asymmetric_gain_trials(scales: Scales) -> Trials | None:
     return Trials({"difference": 0.05}) if min(scales.wire.high, -scales.wire.low) > least else None
 
 
-def _slack(side: str) -> Effect:
-    def trials(scales: Scales) -> Trials:
-        low, high, reach = scales.wire.low, scales.wire.high, scales.wire.reach
-        end, inwards = (low, reach) if side == "low" else (high, -reach)
-        edges = tuple({"edge": end + share * inwards} for share in (0.2, 0.5, 0.8, 1.1, 1.5))
-        return Trials({"share": 0.1}, edges, bounds={"edge": (low, high)})
-
-    return Effect(
-        "dead_zone",
-        "map",
-        f"slack at the {side} end",
-        "output",
-        Slack(side=side),
-        {"share": 0.0},
-        ("share", "edge"),
-        trials,
-        excites="motion into the slack range",
-        confused=("even_nonlinearity", "position_ripple"),
-        separates="a slow ramp over the full range; of a tendon, at two pretensions",
-        variant=f"{side} end",
-        contains=("asymmetric_gain",),
-        sizes=(in_proportion("slope lost", "share", "%", PERCENT), in_proportion("edge", "edge")),
-    )
-
-
 ASYMMETRIC_GAIN = Effect(
     "asymmetric_gain",
     "map",
@@ -217,48 +117,8 @@ ASYMMETRIC_GAIN = Effect(
     variant="output",
     sizes=(in_proportion("gain above zero less that below", "difference", "%", PERCENT),),
 )
-SATURATION = Effect(
-    "saturation",
-    "map",
-    "a saturation",
-    "output",
-    Saturation(low=-math.inf, high=math.inf),
-    {"low": -math.inf, "high": math.inf},
-    ("low", "high"),
-    _saturation_trials,
-    excites="large amplitudes",
-    confused=("odd_nonlinearity", "rate_limit", "dead_zone"),
-    separates="two amplitudes",
-    variant="output",
-    sizes=LIMITS,
-)
-SOFT_SATURATION = attrs.evolve(
-    SATURATION,
-    words="a soft saturation",
-    block=SoftSaturation(low=-math.inf, high=math.inf),
-    free=("low", "high", "softness"),
-    trials=_soft_saturation_trials,
-    variant="soft",
-    sizes=(*SLOPES_LOST, *LIMITS),
-)
-SOFT_DEAD_ZONE = Effect(
-    "dead_zone",
-    "map",
-    "a dead zone with rounded edges",
-    "output",
-    SoftDeadZone(half_width=0.0),
-    {"half_width": 0.0},
-    ("half_width", "centre", "softness"),
-    _soft_dead_zone_trials,
-    excites="motion through the zone and beyond it",
-    confused=("odd_nonlinearity", "backlash"),
-    separates="a slow ramp over the full range: a dead zone takes the same way back",
-    variant="soft",
-    below=("softness",),  # one as soft as that is a smooth characteristic
-    within=("centre",),  # one that is half outside of the range is a saturation
-    sharp=("softness",),
-    sizes=(in_proportion("width", "half_width", factor=2.0), in_proportion("middle", "centre")),
-)
+
+
 ODD = Effect(
     "odd_nonlinearity",
     "map",
@@ -326,40 +186,10 @@ RIPPLE = Effect(
     of_motion=True,
 )
 EFFECTS = (
-    _slack("low"),
-    _slack("high"),
     ASYMMETRIC_GAIN,
     in_front(ASYMMETRIC_GAIN),
     on_branch(ASYMMETRIC_GAIN),
     attrs.evolve(ASYMMETRIC_GAIN, place="drive", variant="drive"),
-    Effect(
-        "dead_zone",
-        "map",
-        "a dead zone",
-        "drive",
-        DeadZone(low=0.0, high=0.0),
-        {"low": 0.0, "high": 0.0},
-        ("low", "high"),
-        _dead_zone_trials,
-        excites="small and large drive",
-        confused=("coulomb_friction",),
-        separates="a slow ramp of the drive through zero",
-        variant="drive",
-        sizes=(
-            Size("width", lambda p, _: p["high"] - p["low"]),
-            Size("middle", lambda p, _: (p["high"] + p["low"]) / 2),
-        ),
-    ),
-    SOFT_DEAD_ZONE,
-    in_front(SOFT_DEAD_ZONE, "a dead zone in front of the model"),
-    on_branch(SOFT_DEAD_ZONE),
-    SATURATION,
-    in_front(SATURATION),
-    on_branch(SATURATION),
-    attrs.evolve(SATURATION, place="drive", variant="drive"),
-    SOFT_SATURATION,
-    attrs.evolve(in_front(SOFT_SATURATION), variant="input, soft"),
-    attrs.evolve(SOFT_SATURATION, place="drive", variant="soft drive"),
     EVEN,
     in_front(EVEN),
     on_branch(EVEN),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import attrs
 
@@ -21,6 +22,10 @@ LEAST_PERIODS = 2
 """Periods of a disturbance that a session holds, at least. Derived: a longer period and a drift are
 indistinguishable."""
 
+SLOWEST_SETTLING = 1.5
+"""Longest time constant of a change that settles [duration]. Derived: 51 % of it is left to come at the end; the
+quadratic part of a slower one is small, and it is indistinguishable from a steady drift."""
+
 
 def _time_origin(scales: Scales) -> dict[str, float]:
     """Time counted from the first sample: from an earlier origin, a drift would include an offset."""
@@ -34,6 +39,17 @@ def _duration(scales: Scales) -> float:
 def _drift_trials(scales: Scales) -> Trials:
     length, size = _duration(scales), 0.02 * scales.wire.reach
     return Trials({"rate": size / length, "curve": size / length**2}, fixed=_time_origin(scales))
+
+
+def _settling_trials(size: Callable[[Scales], Mapping[str, float]], scales: Scales) -> Trials | None:
+    """Trial values of a change that settles within the recording, or within each where they share no clock."""
+    length = _duration(scales) if scales.one_clock else scales.shortest
+    fastest, slowest = 20 * scales.step, SLOWEST_SETTLING * length
+    times = [time for time in (0.03 * length, 0.1 * length, 0.3 * length) if fastest <= time]
+    if not times:
+        return None
+    shapes = tuple({"time_constant": time} for time in times)
+    return Trials(size(scales), shapes, _time_origin(scales), {"time_constant": (fastest, slowest)})
 
 
 def _loop_change_trials(scales: Scales) -> Trials:
@@ -88,6 +104,7 @@ def _whole_drift(p: Mapping[str, float], scales: Scales) -> float:
     return p["rate"] * length + p["curve"] * length**2
 
 
+TIME_CONSTANT = in_proportion("time constant", "time_constant", "s")
 AT = in_proportion("time", "time", "s")
 CREPT = in_proportion("share of creep", "share", "%", PERCENT)
 CHANGE_OF_GAIN = in_proportion("change of the gain", "change", "%", PERCENT)
@@ -116,6 +133,17 @@ STEADY_DRIFT = attrs.evolve(
     free=("rate",),
     trials=lambda scales: Trials({"rate": 0.02 * scales.wire.reach / _duration(scales)}, fixed=_time_origin(scales)),
     variant="steady",
+)
+SETTLING_OFFSET = attrs.evolve(
+    DRIFT,
+    words="a drift that settles (warm-up)",
+    block=blocks.SettlingOffset(),
+    null={"size": 0.0},
+    free=("size", "time_constant"),
+    trials=functools.partial(_settling_trials, lambda scales: {"size": 0.02 * scales.wire.reach}),
+    variant="settling",
+    within=("time_constant",),
+    sizes=(in_proportion("offset in the end", "size"), TIME_CONSTANT),
 )
 JUMP = Effect(
     "jump",
@@ -165,6 +193,16 @@ GAIN_DRIFT = attrs.evolve(
     variant="drift",
     sizes=(in_proportion("drift of the gain", "rate", "%/min", PERCENT * MINUTE),),
 )
+GAIN_SETTLING = attrs.evolve(
+    GAIN_CHANGE,
+    words="a gain that changes and settles (warm-up)",
+    block=blocks.SettlingGain(),
+    free=("change", "time_constant"),
+    trials=functools.partial(_settling_trials, lambda _: {"change": 0.05}),
+    variant="settling",
+    within=("time_constant",),
+    sizes=(CHANGE_OF_GAIN, TIME_CONSTANT),
+)
 GAIN_CHANGE_OF_INPUT = attrs.evolve(in_front(GAIN_CHANGE), variant="input, gain")
 GAIN_CHANGE_OF_DRIVE = attrs.evolve(
     GAIN_CHANGE, words="a sudden change of the drive, or of the mass that it moves", place="drive", variant="drive"
@@ -194,7 +232,7 @@ CREEP = Effect(
     separates="a staircase with pauses of 30 s",
     settled=("late",),
     within=("time_constant",),
-    sizes=(CREPT, in_proportion("time constant", "time_constant", "s")),
+    sizes=(CREPT, TIME_CONSTANT),
 )
 DISTURBANCE = Effect(
     "periodic_disturbance",
@@ -241,6 +279,8 @@ EFFECTS = (
     DRIFT,
     attrs.evolve(separate(DRIFT), sizes=DRIFT.sizes[1:]),  # no total: each recording has its length
     STEADY_DRIFT,
+    SETTLING_OFFSET,
+    separate(SETTLING_OFFSET),
     JUMP,
     separate(JUMP, "time"),
     LOAD_STEP,
@@ -258,6 +298,10 @@ EFFECTS = (
     attrs.evolve(in_front(GAIN_DRIFT), variant="input, drift"),
     on_branch(GAIN_DRIFT),
     separate(on_branch(GAIN_DRIFT)),
+    GAIN_SETTLING,
+    separate(GAIN_SETTLING),
+    attrs.evolve(in_front(GAIN_SETTLING), variant="input, settling"),
+    on_branch(GAIN_SETTLING),
     LOOP_CHANGE,
     separate(LOOP_CHANGE, "time"),
     LOOP_CHANGE_OF_INPUT,

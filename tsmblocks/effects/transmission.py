@@ -8,8 +8,9 @@ from collections.abc import Mapping
 import attrs
 
 from tsmblocks.effects.effect import Effect
+from tsmblocks.effects.limits import SOFT_DEAD_ZONE
 from tsmblocks.effects.loop import BACKLASH, HYSTERESIS
-from tsmblocks.effects.maps import ODD, SOFT_DEAD_ZONE
+from tsmblocks.effects.maps import ODD
 from tsmblocks.effects.sizes import PERCENT, Size, in_proportion
 from tsmblocks.effects.trials import Scales, Trials
 
