@@ -107,6 +107,8 @@ from tsmblocks.blocks.time_varying import GainDrift as GainDrift
 from tsmblocks.blocks.time_varying import Jump as Jump
 from tsmblocks.blocks.time_varying import SettlingGain as SettlingGain
 from tsmblocks.blocks.time_varying import SettlingOffset as SettlingOffset
+from tsmblocks.blocks.time_varying import TemporaryGain as TemporaryGain
+from tsmblocks.blocks.time_varying import TemporaryOffset as TemporaryOffset
 from tsmblocks.blocks.transmission import AsymmetricGain as AsymmetricGain
 from tsmblocks.blocks.transmission import Bend as Bend
 from tsmblocks.blocks.transmission import Bow as Bow

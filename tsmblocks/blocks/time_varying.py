@@ -21,6 +21,11 @@ def after(t: Any, time: Any, width: Any) -> Any:
     return (1 + ca.tanh((t - time) / width)) / 2
 
 
+def between(t: Any, first: Any, last: Any, width: Any) -> Any:
+    """Share of a change at time ``t`` [s] that begins at ``first`` and ends at ``last``: 1 between them, 0 outside."""
+    return after(t, first, width) - after(t, last, width)
+
+
 def settled(t: Any, since: Any, time_constant: Any) -> Any:
     r"""Share of a change that is complete at time ``t`` [s], where it begins at ``since`` and settles.
 
@@ -147,6 +152,50 @@ class SettlingGain(Block):
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + self.change * (settled(t, self.since, self.time_constant) * u.u))
+
+
+@block
+class TemporaryOffset(Block):
+    r"""An error, a load or a flow that begins at one instant and ends at another: a touch, an open valve.
+
+    .. math:: y = u + s \left[H(t; t_0) - H(t; t_1)\right], \qquad
+        H(t; t_k) = \tfrac12 \left[1 + \tanh\frac{t - t_k}{w}\right]
+    """
+
+    source = "definition; two steps rounded over a short time, so that their instants can be fitted"
+    symbol = "for a time"
+
+    size: float = parameter(default=0.0, about="value added from one instant to the other", unit="?u")
+    time: float = parameter(default=1.0, about="instant t0 at which it begins", unit="s")
+    until: float = parameter(default=2.0, about="instant t1 at which it ends", unit="s")
+    width: float = parameter(default=0.01, about="time over which both changes are rounded", unit="s", above=0.0)
+    u = Input("any signal", unit="?u")
+    y = Output("the signal with the offset added", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.size * between(t, self.time, self.until, self.width))
+
+
+@block
+class TemporaryGain(Block):
+    r"""A gain that changes at one instant and is as before from another on: a door left open, a slipping clutch.
+
+    .. math:: y = u \left\{1 + c \left[H(t; t_0) - H(t; t_1)\right]\right\}, \qquad
+        H(t; t_k) = \tfrac12 \left[1 + \tanh\frac{t - t_k}{w}\right]
+    """
+
+    source = "definition"
+    symbol = "gain(t)"
+
+    change: float = parameter(default=0.0, about="gain between the two instants less that outside, which is 1")
+    time: float = parameter(default=1.0, about="instant t0 at which it begins", unit="s")
+    until: float = parameter(default=2.0, about="instant t1 at which it ends", unit="s")
+    width: float = parameter(default=0.01, about="time over which both changes are rounded", unit="s", above=0.0)
+    u = Input("any signal", unit="?u")
+    y = Output("the signal times the present gain", unit="?u")
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.change * (between(t, self.time, self.until, self.width) * u.u))
 
 
 @block

@@ -105,9 +105,14 @@ class Candidate:
         return {f"{self.block}.{new}": f"{self.block}.{old}" for new, old in pairs.items()}
 
     @property
+    def has_own_instants(self) -> bool:
+        """Whether it is a sudden change at a separate instant in each experiment."""
+        return any(name in self.effect.local for name in self.trials.refine)
+
+    @property
     def transition_time(self) -> float:
         """Transition time [s] of a change at one instant."""
-        prefix = self.trials.refine.rpartition(".")[0]
+        prefix = self.trials.refine[0].rpartition(".")[0]
         return self.diagram.parameters[".".join(filter(None, (self.block, prefix, "width")))]
 
     @property

@@ -112,7 +112,7 @@ def shrinkage_of(candidate: Candidate) -> Shrinkage:
     for name in effect.free:
         shape = [abs(s[name]) for s in trials.shapes if name in s]
         size = trials.strengths.get(name) or (float(np.mean(shape)) if shape else 1.0)
-        if name == trials.refine:  # found by a grid search: it must stay when its few samples are held out
+        if name in trials.refine:  # found by a grid search: it must stay when its few samples are held out
             size = candidate.transition_time
         null = effect.null.get(name, np.nan)
         result[f"{candidate.block}.{name}"] = (null if abs(null) < MAX_FINITE_NULL else np.nan, abs(size))

@@ -139,6 +139,8 @@ def insertion_points(
             found.append(InsertionPoint("mode", name, source, other=driving, after=source))
         if signal != source:  # an output that is its own drive has no drive in front of it
             found += _at_the_drive(diagram, name, source, drive, unit)
+        if is_no_motion(unit) or is_one_of(unit, LEVEL_DIMENSIONS):
+            found += _at_the_balance(diagram, name, source, drive)
         for port, moved in _inner_drives(diagram, name, drive):
             found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
             if moved != source or not is_no_motion(unit):
@@ -329,6 +331,14 @@ def _at_the_drive(diagram: Diagram, name: str, source: str, drive: str, unit: st
         yield _against_motion("brake" if is_speed(unit) else "load", name, diagram, drive, source)
     for position in _positions(diagram, source) if is_speed(unit) else ():
         yield _against_motion("load", name, diagram, drive, position)
+
+
+def _at_the_balance(diagram: Diagram, name: str, source: str, drive: str) -> Iterator[InsertionPoint]:
+    """The wire that fills a level, or heats what is measured; no input, and not the ``drive`` of a motion."""
+    port = driving_port(diagram, name, 1)
+    signal = source_of(diagram, port) if port else source
+    if port != drive and signal not in (source, *diagram.inputs):
+        yield InsertionPoint("balance", name, signal, before=port)
 
 
 def _inner_drives(diagram: Diagram, output: str, nearest: str) -> Iterator[tuple[str, str]]:

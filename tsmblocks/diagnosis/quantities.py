@@ -133,7 +133,8 @@ class Estimate:
     def _of_instant(self, found: Quantity, candidate: Candidate, size: _Size) -> Quantity:
         """The size, without an interval where it is an instant that may be any: one within a rest."""
         items = self.model.problem.unknowns.items
-        if {candidate.name_in_block(items[k].parameter) for k in size.of} != {candidate.trials.refine}:
+        of = {candidate.name_in_block(items[k].parameter) for k in size.of}
+        if not of or not of <= set(candidate.trials.refine):
             return found
         longest = max(float(np.ptp(one.t)) for one in self.model.setup.experiments)
         return attrs.evolve(found, low=-np.inf, high=np.inf) if found.high - found.low > 2 * longest else found

@@ -78,7 +78,7 @@ def _imitations(
 ) -> list[FittedCandidate]:
     """The named effects that imitate an irregular error; the last round is the one after them."""
     base, last = rounds[0].base, rounds[-1].base
-    sudden = [one for one in named if _has_own_instants(one)]
+    sudden = [one for one in named if one.candidate.has_own_instants]
     if any(_apart(last, one, other) for k, one in enumerate(sudden) for other in sudden[:k]):
         return sudden
     own = [one for one in named if one.candidate.effect.family == "time" and one.candidate.local]
@@ -107,14 +107,9 @@ def _harmonic(last: Model, one: FittedCandidate, other: FittedCandidate) -> bool
     return low > 0 and abs(high / low - round(high / low)) < SAME_LINE * high / low
 
 
-def _has_own_instants(one: FittedCandidate) -> bool:
-    """Whether an effect is a sudden change at a separate instant in each experiment."""
-    return bool(one.candidate.trials.refine) and one.candidate.trials.refine in one.candidate.effect.local
-
-
 def _instants(model: Model, one: FittedCandidate) -> np.ndarray:
     """The instants [s] of an effect, one for each experiment."""
-    name, items = f"{one.candidate.block}.{one.candidate.trials.refine}", model.problem.unknowns.items
+    name, items = f"{one.candidate.block}.{one.candidate.trials.refine[0]}", model.problem.unknowns.items
     return np.array([value for item, value in zip(items, model.theta, strict=True) if item.parameter == name])
 
 

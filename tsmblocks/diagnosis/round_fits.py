@@ -120,12 +120,19 @@ def at_best_instants(fits: Sequence[Fit], most: float) -> list[Fit]:
 
 
 def _at_best_instant(one: Fit) -> Fit:
+    """The fit from better instants, one after another."""
+    for name in one.score.candidate.trials.refine:
+        one = _at_best_value(one, name)
+    return one
+
+
+def _at_best_value(one: Fit, parameter: str) -> Fit:
     candidate, model, unknowns = one.score.candidate, one.model, one.model.problem.unknowns
-    name = f"{candidate.block}.{candidate.trials.refine}"
-    if not candidate.trials.refine or name not in unknowns.names:
+    name = f"{candidate.block}.{parameter}"
+    if name not in unknowns.names:
         return one
     k = unknowns.names.index(name)
-    instants = sorted({shape[candidate.trials.refine] for shape in candidate.trials.shapes})
+    instants = sorted({shape[parameter] for shape in candidate.trials.shapes})
     interval = (instants[-1] - instants[0]) / (len(instants) - 1)
     near = model.theta[k] + NEAR_INTERVALS * interval * np.linspace(-1, 1, NEAR_INSTANTS)
     others = np.arange(len(model.theta)) != k  # parameters and initial states that make up for a part of the change

@@ -130,14 +130,14 @@ class _Screening:
     @property
     def owns_shapes(self) -> bool:
         """Whether each experiment has a separate shape."""
-        return self.candidate.trials.refine in self.candidate.effect.local
+        return self.candidate.has_own_instants
 
     def of_all(self, noise: np.ndarray) -> tuple[list[ShapeTrial], list[ShapeTrial]]:
         """Every shape, with gains in surrogates; and the best ones of finer and finer grids."""
         trials = self.candidate.trials
         found = coarse = self.evaluated(trials.shapes, noise)
-        for _ in range(REFINEMENT_ROUNDS if trials.refine else 0):
-            found = [*found, *self.evaluated(_between(found, trials.refine))]
+        for name in trials.refine * REFINEMENT_ROUNDS:
+            found = [*found, *self.evaluated(_between(found, name))]
             found = sorted(found, key=lambda one: -one.gain)[: 2 * REFINEMENT_SHAPES]
         return coarse, found
 
@@ -146,11 +146,12 @@ class _Screening:
         trials, names = self.candidate.trials, self.problem.unknowns.experiments
         shapes = [for_each(one, self.candidate.effect.local, names) for one in trials.shapes]
         found = coarse = self._chosen(shapes, noise)
-        grid = sorted(one[trials.refine] for one in trials.shapes)
+        grid = sorted({one[trials.refine[0]] for one in trials.shapes})
         distance = (grid[-1] - grid[0]) / max(len(grid) - 1, 1)
         for _ in range(REFINEMENT_ROUNDS):
             steps = [distance * k / (REFINEMENT_SHAPES + 1) for k in range(-REFINEMENT_SHAPES, REFINEMENT_SHAPES + 1)]
-            found = self._chosen([moved(found.shape, trials.refine, step) for step in steps])
+            for name in trials.refine:
+                found = self._chosen([moved(found.shape, name, step) for step in steps])
             distance /= REFINEMENT_SHAPES + 1
         return [coarse], [found]
 

@@ -49,7 +49,7 @@ def fit_starts(
     ordered = sorted(shapes, key=lambda one: -one.gain)
     best = ordered[0]
     if candidate.trials.refine:
-        return with_narrow_bounds(problem, candidate, best.theta), [best.theta]
+        return with_narrow_bounds(problem, candidate, best.theta), [_better_start(problem, best)]
     distinct = (one for one in ordered[1:SECOND_START_TRIALS] if _is_distinct(one, best, base))
     return problem, [_better_start(problem, one) for one in [best, *distinct][:2]]
 
@@ -62,12 +62,12 @@ def _better_start(problem: Problem, one: ShapeTrial) -> np.ndarray:
 
 def with_narrow_bounds(problem: Problem, candidate: Candidate, theta: np.ndarray) -> Problem:
     """The problem with bounds on a refined shape close to its values: the problem is nonsmooth in it."""
-    name = f"{candidate.block}.{candidate.trials.refine}"
     items, distance = list(problem.unknowns.items), PINNING_WIDTHS * candidate.transition_time
-    least, most = candidate.trials.bounds.get(candidate.trials.refine, (None, None))
-    low, high = -np.inf if least is None else least, np.inf if most is None else most
+    instants = {f"{candidate.block}.{name}": name for name in candidate.trials.refine}
     for k, item in enumerate(items):
-        if item.parameter == name:
+        if item.parameter in instants:
+            least, most = candidate.trials.bounds.get(instants[item.parameter], (None, None))
+            low, high = -np.inf if least is None else least, np.inf if most is None else most
             value = float(theta[k])
             items[k] = attrs.evolve(item, low=max(value - distance, low), high=min(value + distance, high))
     return problem.with_items(items)

@@ -21,6 +21,7 @@ PLACES = (
     "output",
     "input",
     "drive",
+    "balance",
     "across",
     "load",
     "brake",
@@ -35,8 +36,9 @@ PLACES = (
 
 ``output``: on the wire of a measured output. ``input``: on the wire of a measured input. ``drive``: on the wire that
 drives the measured output (a force, a voltage: two integrations before it, or one where the output is a speed).
-``load``: there too, and its input ``x`` reads the motion. ``brake``: the same where the measured motion is a speed, by
-its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. ``transmission``: on an inner wire
+``balance``: where the output is a level, a temperature or the like, on the wire that fills or heats it, one integration
+before it. ``load``: at the drive too, and its input ``x`` reads the motion. ``brake``: the same where the measured
+motion is a speed, by its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. ``transmission``: on an inner wire
 with a position, from one part of a transmission to the next. ``deflection``: on the difference of two positions that
 the force there moves, as that of a spring. ``parallel``: as ``across``, where the input reaches the output through a
 lag or an integrator. ``branch``: on the wire from an input to one of several blocks that it drives, or behind
@@ -276,20 +278,19 @@ def _trial_faults(effect: Effect, trials: Any) -> Iterator[str]:
         for what, names, known in (
             ("strengths", trials.strengths, free),
             ("shapes", shape, free),
-            ("refine", filter(None, [trials.refine]), tuple(shape)),
+            ("refine", trials.refine, tuple(shape)),
             ("bounds", trials.bounds, (*free, *_states(effect.block))),
         ):
             yield from _unknown(names, known, f"{what} of its trials name '{{}}', which is not free to be fitted.")
-        width = ".".join([*trials.refine.split(".")[:-1], "width"])
-        if trials.refine and width not in numbers:
-            yield f"its trials refine the instant '{trials.refine}', but its block lacks the transition time '{width}'."
-        for name in (k for k in effect.local if k not in trials.strengths and k != trials.refine):
+        for instant in trials.refine:
+            width = ".".join([*instant.split(".")[:-1], "width"])
+            if width not in numbers:
+                yield f"its trials refine the instant '{instant}', but its block lacks the transition time '{width}'."
+        for name in (k for k in effect.local if k not in trials.strengths and k not in trials.refine):
             yield f"'{name}' has its own value in each experiment, so it must be a strength of its trials."
-        for name in (k for k in trials.strengths if trials.refine in effect.local and k not in effect.local):
-            yield (
-                f"'{name}' must be local, as '{trials.refine}' is: with a shape of each experiment, sizes are separate "
-                "too."
-            )
+        instant = next((k for k in trials.refine if k in effect.local), "")
+        for name in (k for k in trials.strengths if instant and k not in effect.local):
+            yield f"'{name}' must be local, as '{instant}' is: with a shape of each experiment, sizes are separate too."
         for name in (k for k in trials.fixed if k in free):
             yield f"its trials fix '{name}', which is free to be fitted; a parameter is one or the other."
         yield from _unknown(trials.fixed, numbers, "its trials fix '{}', which is no parameter of its block.")

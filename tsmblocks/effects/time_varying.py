@@ -12,7 +12,7 @@ from tsmblocks import blocks
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.friction import CHANGES
 from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
-from tsmblocks.effects.trials import Scales, Trials, instant_trials
+from tsmblocks.effects.trials import Scales, Trials, instant_trials, interval_trials
 from tsmblocks.effects.variants import across, in_front, on_branch, separate
 
 NO_LIMIT = 1e12
@@ -105,6 +105,9 @@ def _whole_drift(p: Mapping[str, float], scales: Scales) -> float:
 
 
 TIME_CONSTANT = in_proportion("time constant", "time_constant", "s")
+FROM_AND_UNTIL = in_proportion("from", "time", "s"), in_proportion("until", "until", "s")
+INTERVAL = ("time", "until")
+"""The instants of a change that ends again."""
 AT = in_proportion("time", "time", "s")
 CREPT = in_proportion("share of creep", "share", "%", PERCENT)
 CHANGE_OF_GAIN = in_proportion("change of the gain", "change", "%", PERCENT)
@@ -168,6 +171,22 @@ LOAD_STEP = attrs.evolve(
     separates="the same motion without the load",
     variant="drive",
 )
+FLOW_STEP = attrs.evolve(
+    LOAD_STEP, words="a flow that begins, or ends", other_words={}, place="balance", variant="balance"
+)
+TEMPORARY_OFFSET = attrs.evolve(
+    JUMP,
+    words="an offset for a time",
+    block=blocks.TemporaryOffset(),
+    free=("size", *INTERVAL),
+    trials=lambda scales: interval_trials(scales, {"size": 0.02 * scales.wire.reach}),
+    variant="temporary",
+    sizes=(in_proportion("offset", "size"), *FROM_AND_UNTIL),
+)
+TEMPORARY_LOAD = attrs.evolve(TEMPORARY_OFFSET, words="a load for a time", place="drive", variant="drive, temporary")
+TEMPORARY_FLOW = attrs.evolve(
+    TEMPORARY_OFFSET, words="a further flow for a time", place="balance", variant="balance, temporary"
+)
 GAIN_CHANGE = Effect(
     "parameter_change",
     "time",
@@ -192,6 +211,15 @@ GAIN_DRIFT = attrs.evolve(
     trials=lambda scales: Trials({"rate": 0.05 / _duration(scales)}, fixed=_time_origin(scales)),
     variant="drift",
     sizes=(in_proportion("drift of the gain", "rate", "%/min", PERCENT * MINUTE),),
+)
+TEMPORARY_GAIN = attrs.evolve(
+    GAIN_CHANGE,
+    words="a gain that changes for a time",
+    block=blocks.TemporaryGain(),
+    free=("change", *INTERVAL),
+    trials=lambda scales: interval_trials(scales, {"change": 0.05}),
+    variant="temporary",
+    sizes=(CHANGE_OF_GAIN, *FROM_AND_UNTIL),
 )
 GAIN_SETTLING = attrs.evolve(
     GAIN_CHANGE,
@@ -285,6 +313,14 @@ EFFECTS = (
     separate(JUMP, "time"),
     LOAD_STEP,
     separate(LOAD_STEP, "time"),
+    FLOW_STEP,
+    separate(FLOW_STEP, "time"),
+    TEMPORARY_OFFSET,
+    separate(TEMPORARY_OFFSET, *INTERVAL),
+    TEMPORARY_LOAD,
+    separate(TEMPORARY_LOAD, *INTERVAL),
+    TEMPORARY_FLOW,
+    separate(TEMPORARY_FLOW, *INTERVAL),
     GAIN_CHANGE,
     separate(GAIN_CHANGE, "time"),
     GAIN_CHANGE_OF_INPUT,
@@ -298,6 +334,10 @@ EFFECTS = (
     attrs.evolve(in_front(GAIN_DRIFT), variant="input, drift"),
     on_branch(GAIN_DRIFT),
     separate(on_branch(GAIN_DRIFT)),
+    TEMPORARY_GAIN,
+    separate(TEMPORARY_GAIN, *INTERVAL),
+    on_branch(TEMPORARY_GAIN),
+    separate(on_branch(TEMPORARY_GAIN), *INTERVAL),
     GAIN_SETTLING,
     separate(GAIN_SETTLING),
     attrs.evolve(in_front(GAIN_SETTLING), variant="input, settling"),
@@ -322,6 +362,7 @@ EFFECTS = (
     DISTURBANCE,
     separate(DISTURBANCE),
     DRIVE_DISTURBANCE,
+    attrs.evolve(DRIVE_DISTURBANCE, place="balance", variant="balance"),
     separate(DRIVE_DISTURBANCE),
     RATE_LIMIT,
     attrs.evolve(RATE_LIMIT, place="drive", variant="drive"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +11,12 @@ import numpy as np
 
 INSTANT_COUNT = 48
 """Instants in the first grid of a sudden change. Chosen: for the run time; the grid is refined."""
+TRANSITION = 2
+"""Transition time of a sudden change [sampling steps]. Chosen: its instant can be fitted, and between two samples."""
+PAIR_COUNT = 14
+"""Instants in the first grid of a change that ends again, of which two are tried. Chosen: 63 simulations."""
+LONGEST_INTERVAL = 0.5
+"""Longest of these intervals [duration]. Chosen: a longer one and what lies outside it are each as temporary."""
 
 
 @attrs.frozen
@@ -80,6 +87,11 @@ class Scales:
         return attrs.evolve(self, wire=self.other)
 
 
+def _names(given: str | tuple[str, ...]) -> tuple[str, ...]:
+    """One name, or several, as several."""
+    return (given,) if isinstance(given, str) and given else tuple(given)
+
+
 @attrs.frozen
 class Trials:
     """Trial values of an effect: starting values for its fit, and bounds that depend on the data.
@@ -94,9 +106,9 @@ class Trials:
         Values of parameters that are set and not fitted.
     bounds : mapping of str to pair of (float or None), default {}
         Bounds (low, high), narrower than those of the block; None for none.
-    refine : str, default ""
-        The instant of a sudden change, a shape parameter whose grid is refined around the best of ``shapes``. The
-        parameter ``width`` beside it is its transition time [s].
+    refine : str or tuple of str, default ()
+        The instant of a sudden change, a shape parameter whose grid is refined around the best of ``shapes``; both
+        instants of a change that ends again. The parameter ``width`` beside it is its transition time [s].
     held_first : tuple of str, default ()
         Shape parameters that are held in a first fit: the sum of squares has many minima in them, and while the sizes
         and the parameters of the model are not near theirs, its derivative leads to a wrong one.
@@ -106,7 +118,7 @@ class Trials:
     shapes: tuple[Mapping[str, float], ...] = ({},)
     fixed: Mapping[str, float] = attrs.field(factory=dict)
     bounds: Mapping[str, tuple[float | None, float | None]] = attrs.field(factory=dict)
-    refine: str = ""
+    refine: tuple[str, ...] = attrs.field(default=(), converter=_names)
     held_first: tuple[str, ...] = ()
 
     def with_bounds(self, more: Mapping[str, tuple[float | None, float | None]]) -> Trials:
@@ -141,8 +153,8 @@ class Trials:
         def named(given: Mapping[str, Any]) -> dict[str, Any]:
             return {f"{block}.{k}": v for k, v in given.items()}
 
-        shapes, refine = tuple(map(named, self.shapes)), f"{block}.{self.refine}" if self.refine else ""
-        held_first = tuple(f"{block}.{k}" for k in self.held_first)
+        shapes = tuple(map(named, self.shapes))
+        refine, held_first = (tuple(f"{block}.{k}" for k in names) for names in (self.refine, self.held_first))
         return Trials(named(self.strengths), shapes, named(self.fixed), named(self.bounds), refine, held_first)
 
 
@@ -187,5 +199,27 @@ def instant_trials(scales: Scales, size: Mapping[str, float], shape: Mapping[str
     length = (scales.stop - scales.start) / (INSTANT_COUNT + 1)
     times = [scales.start + (k + 1) * length for k in range(INSTANT_COUNT)]
     # A change within the first or the last interval is no change.
-    name, width = f"{within}time", {f"{within}width": 2 * scales.step}
+    name, width = f"{within}time", {f"{within}width": TRANSITION * scales.step}
     return Trials(size, tuple({name: time, **shape} for time in times), width, {name: (times[0], times[-1])}, name)
+
+
+def interval_trials(scales: Scales, size: Mapping[str, float]) -> Trials:
+    """Return trial values of a change that ends again, over intervals of the recordings.
+
+    Parameters
+    ----------
+    scales : Scales
+        Scales of the signals.
+    size : mapping of str to float
+        Trial sizes of the change.
+
+    Returns
+    -------
+    Trials
+        The trial values, whose instants ``time`` and ``until`` are refined.
+    """
+    times = np.linspace(scales.start, scales.stop, PAIR_COUNT + 2)[1:-1].tolist()
+    pairs = ((a, b) for a, b in itertools.combinations(times, 2) if b - a < LONGEST_INTERVAL * (times[-1] - times[0]))
+    shapes = tuple({"time": first, "until": last} for first, last in pairs)
+    bounds = dict.fromkeys(("time", "until"), (scales.start, scales.stop))
+    return Trials(size, shapes, {"width": TRANSITION * scales.step}, bounds, ("time", "until"))

@@ -66,14 +66,14 @@ def on_loop(effect: Effect) -> Effect:
     return attrs.evolve(effect, words=words, place="loop", variant="loop", other_words={})
 
 
-def separate(effect: Effect, instant: str = "", words: str = "") -> Effect:
-    """The variant with one size for each recording, at one ``instant`` each, where recordings share no clock."""
+def separate(effect: Effect, *instants: str, words: str = "") -> Effect:
+    """The variant with one size for each recording, at ``instants`` of its own, where recordings share no clock."""
     return attrs.evolve(
         effect,
         words=words or effect.words,
         trials=lambda scales: None if scales.one_clock else effect.trials(scales),
-        variant=f"{effect.variant}, separate sizes{' and times' if instant else ''}".lstrip(", "),
-        local=(*effect.null, *filter(None, [instant])),
+        variant=f"{effect.variant}, separate sizes{' and times' if instants else ''}".lstrip(", "),
+        local=(*effect.null, *instants),
     )
 
 

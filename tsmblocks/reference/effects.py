@@ -32,6 +32,7 @@ PLACES = {
     "output": "on the wire of a measured output",
     "input": "on the wire of a measured input, in front of the model",
     "loop": "inside a control loop: on the control error, on the command, or on what is fed back",
+    "balance": "on the wire that fills a measured level or heats a measured part: one integration before it",
     "branch": "on the wire from a measured input to one of several blocks, from there to a sum, or behind a sensor",
     "across": "on the wire of a measured output, where it reads the input as well",
     "mode": "on the wire of a measured output, where it reads the force or voltage that drives it",
