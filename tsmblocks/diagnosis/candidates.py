@@ -14,6 +14,7 @@ from tsmblocks.common.errors import AlgebraicLoop, DiagramError, TsmError
 from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.common.tables import unique_names
+from tsmblocks.common.units import is_one_of, parse
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_no_motion, is_not_mechanical, is_speed
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of
@@ -38,6 +39,11 @@ def unit_of_signal(diagram: Diagram, signal: str) -> str:
         return diagram.unit(signal)
     except (TsmError, KeyError):
         return ""
+
+
+def whole_turn(unit: str) -> float:
+    """A whole turn in a unit; zero where that is not known, or is not one of an angle."""
+    return 2 * math.pi / parse(unit).factor if is_one_of(unit, {parse("rad").dimension}) else 0.0
 
 
 @attrs.frozen(eq=False)
@@ -125,12 +131,13 @@ class Candidate:
 class WireSignals:
     """The signals of a fitted model by name, one array for each experiment, and their sampling steps [s].
 
-    ``scales_of`` makes ``Scales`` of two spans. ``ranges`` are those of the signals that are outputs, as measured:
-    a model without an end stop moves far beyond it.
+    ``units`` are those of the signals, empty where one is not known. ``scales_of`` makes ``Scales`` of two spans.
+    ``ranges`` are those of the signals that are outputs, as measured: a model without an end stop moves far beyond it.
     """
 
     signals: dict[str, list[np.ndarray]]
     steps: list[float]
+    units: Mapping[str, str]
     scales_of: Callable[[Span, Span], Scales]
     ranges: Mapping[str, tuple[float, float]] = attrs.field(factory=dict)
 
@@ -140,7 +147,7 @@ class WireSignals:
 
     def span(self, signal: str) -> Span:
         """Range and rate of a signal; the range as measured where it is an output that moves."""
-        span = span_of(self.signals[signal], self.steps)
+        span = attrs.evolve(span_of(self.signals[signal], self.steps), turn=whole_turn(self.units[signal]))
         if signal not in self.ranges or not _moves(span):
             return span
         low, high = self.ranges[signal]
@@ -167,7 +174,8 @@ def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
         lines=spectral_lines(model),
         one_clock=not _overlap(model),
     )
-    return WireSignals(signals, steps, session, measured_ranges(model))
+    units = {k: unit_of_signal(model.diagram, k) for k in names}
+    return WireSignals(signals, steps, units, session, measured_ranges(model))
 
 
 def with_scales_in(model: Model, candidate: Candidate) -> Candidate:

@@ -38,14 +38,16 @@ PLACES = (
 drives the measured output (a force, a voltage: two integrations before it, or one where the output is a speed).
 ``balance``: where the output is a level, a temperature or the like, on the wire that fills or heats it, one integration
 before it. ``load``: at the drive too, and its input ``x`` reads the motion. ``brake``: the same where the measured
-motion is a speed, by its unit. ``across``: on the wire of an output, and its input ``x`` reads the input. ``transmission``: on an inner wire
-with a position, from one part of a transmission to the next. ``deflection``: on the difference of two positions that
-the force there moves, as that of a spring. ``parallel``: as ``across``, where the input reaches the output through a
-lag or an integrator. ``branch``: on the wire from an input to one of several blocks that it drives, or behind
-that branch, where it enters a sum, or from a measured signal to the blocks that it drives, behind its sensor.
-``loop``: on a wire of a control loop: the control error, the command, or what is fed back. ``mode``: as ``across``,
-where what it reads drives the output through one or two integrations or lags: a force, a voltage. An effect made for
-one diagram names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this port. """
+motion is a speed, by its unit. ``across``: on the wire of an output, and its input ``x`` reads the input.
+``transmission``: on an inner wire with a position, from one part of a transmission to the next. ``deflection``: on the
+difference of two positions that the force there moves, as that of a spring. ``parallel``: as ``across``, where the
+input reaches the output through a lag or an integrator. ``branch``: on the wire from an input to one of several blocks
+that it drives, or behind that branch, where it enters a sum, or from a measured signal to the blocks that it drives,
+behind its sensor. ``loop``: on a wire of a control loop: the control error, the command, or what is fed back. ``mode``:
+as ``across``, where what it reads drives the output through one or two integrations or lags: a force, a voltage. An
+effect made for one diagram names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this
+port.
+"""
 QUANTITIES = {
     parse(unit).dimension: kind
     for kind, units in {"position": ("rad", "m"), "speed": ("rad/s", "m/s")}.items()

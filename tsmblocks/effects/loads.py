@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 import attrs
 
 from tsmblocks.blocks import Bend, Bias, Gain, Ripple, Sum
@@ -20,7 +23,20 @@ REST_REACH = 5.0
 
 
 def _cogging_trials(scales: Scales) -> Trials:
-    return ripple_trials(scales.other.reach, CURVATURE_SHARE * scales.wire.rms, ONE_HARMONIC).under("force")
+    return ripple_trials(scales.other, CURVATURE_SHARE * scales.wire.rms, ONE_HARMONIC).under("force")
+
+
+def _weight_trials(scales: Scales) -> Trials | None:
+    """None where the motion is no angle."""
+    if not scales.other.turn:
+        return None
+    once, size = 2 * math.pi / scales.other.turn, PULL_SHARE * scales.wire.rms
+    return Trials(dict.fromkeys(ONE_HARMONIC, size), fixed={"cycles": once}).under("force")
+
+
+def _steepest(p: Mapping[str, float], scales: Scales) -> float:
+    """The angle at which a weight pulls backwards most."""
+    return math.atan2(p["force.sine"], p["force.cosine"]) / (2 * math.pi) * scales.other.turn
 
 
 def _subtracted_force(title: str, law: Block) -> Diagram:
@@ -97,6 +113,20 @@ EFFECTS = (
         variant="force",
         within=("force.cycles",),
         sizes=(wave(), attrs.evolve(PERIOD_OF_RIPPLE, unit="{x}")),
+    ),
+    Effect(
+        "gravity",
+        "load",
+        "the weight of a link or an arm (a torque that follows its angle)",
+        "load",
+        _subtracted_force("weight", Ripple()),
+        {"force.cosine": 0.0, "force.sine": 0.0},
+        ("force.cosine", "force.sine"),
+        _weight_trials,
+        excites="slow motion over a large angle",
+        confused=("stiffness", "load_offset", "even_nonlinearity", "odd_nonlinearity"),
+        separates="the axis of the joint upright: a spring still acts, a weight does not",
+        sizes=(wave(), Size("angle of the largest pull", _steepest, "{x}")),
     ),
     Effect(
         "load_offset",

@@ -11,7 +11,7 @@ import numpy as np
 from tsmblocks.blocks import AsymmetricGain, Bend, Bow, Ripple
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.sizes import PERCENT, Size, in_proportion, wave
-from tsmblocks.effects.trials import Scales, Trials
+from tsmblocks.effects.trials import Scales, Span, Trials
 from tsmblocks.effects.variants import in_front, on_branch
 
 CURVATURE_SHARE = 0.02
@@ -81,19 +81,23 @@ def _bow_trials(scales: Scales) -> Trials:
     return Trials({"size": CURVATURE_SHARE * reach}, shapes, bounds=bounds)
 
 
-def ripple_trials(reach: float, size: float, names: tuple[str, ...]) -> Trials:
-    """Trial values of a ripple with more than one period in the range: less is a nonlinear characteristic."""
+def ripple_trials(span: Span, size: float, names: tuple[str, ...]) -> Trials:
+    """Trial values of a ripple with more than one period in the range: less is a nonlinear characteristic.
+
+    A signal whose unit is not known may be an angle in rad.
+    """
+    reach, once = span.reach, 2 * math.pi / (span.turn or 2 * math.pi)
     # A start that is off by a quarter of a period over the whole range converges to the right one.
     periods = (1.2, 1.35, 1.5, 1.75, *np.arange(2.0, MAX_PERIODS[len(names)], 0.5).tolist())
     shapes = tuple({"cycles": math.pi * n / reach} for n in periods)
     most = max(MAX_PERIODS.values()) * math.pi / reach
-    turns = tuple({"cycles": float(n)} for n in PER_TURN if n > most)  # over many turns of a motor
-    bounds = {"cycles": (MIN_PERIODS * math.pi / reach, max(most, 1.1 * PER_TURN[-1] if turns else 0.0))}
+    turns = tuple({"cycles": n * once} for n in PER_TURN if n * once > most)  # over many turns of a motor
+    bounds = {"cycles": (MIN_PERIODS * math.pi / reach, max(most, 1.1 * PER_TURN[-1] * once if turns else 0.0))}
     return Trials(dict.fromkeys(names, size), (*shapes, *turns), bounds=bounds, held_first=("cycles",))
 
 
 def _position_ripple_trials(scales: Scales, names: tuple[str, ...]) -> Trials:
-    return ripple_trials(scales.wire.reach, CURVATURE_SHARE * scales.wire.reach, names)
+    return ripple_trials(scales.wire, CURVATURE_SHARE * scales.wire.reach, names)
 
 
 def _asymmetric_gain_trials(scales: Scales) -> Trials | None:

@@ -27,7 +27,8 @@ _GIVEN = {
     "parameter_change": "sudden change, fault, gain drift",
     "odd_nonlinearity": "cubic, hardening, nonlinear stiffness",
     "stiffness": "spring",
-    "load_offset": "preload, gravity",
+    "load_offset": "preload",
+    "gravity": "weight, pendulum",
 }
 OTHER_NAMES = {bare_name(word): effect for effect, words in _GIVEN.items() for word in words.split(",")}
 """Another name, without case, spaces and punctuation, and the effect."""

@@ -31,6 +31,8 @@ class Span:
         Root mean square of the signal.
     speed, fastest : float
         Root mean square and largest absolute value of its rate, in its unit per s.
+    turn : float, default 0.0
+        A whole turn in its unit, where that is one of an angle; zero where it is not, or is not known.
     """
 
     low: float
@@ -38,6 +40,7 @@ class Span:
     rms: float
     speed: float
     fastest: float
+    turn: float = 0.0
 
     @property
     def middle(self) -> float:
