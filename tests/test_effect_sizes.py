@@ -22,7 +22,9 @@ from tsmblocks.effects import Scales, Size, Span, catalogue, registered
 from tsmblocks.effects.effect import parameters_of, sizes_of
 from tsmblocks.fitting.parameter_vector import Unknown
 
-SCALES = Scales(Span(-1.0, 1.2, 0.6, 2.0, 5.0), Span(-0.8, 0.9, 0.5, 1.5, 4.0), 0.0, 20.0, 0.01, 20.0, (3.0,), True)
+SCALES = Scales(
+    Span(-1.0, 1.2, 0.6, 2.0, 5.0), Span(-0.8, 0.9, 0.5, 1.5, 4.0, 2 * math.pi), 0.0, 20.0, 0.01, 20.0, (3.0,), True
+)
 DRAWS = 20_000
 
 
@@ -258,6 +260,7 @@ def test_a_limit_that_is_not_reached_is_not_reported():
     y = run["y"] + 0.002 * np.random.default_rng(5).standard_normal(len(t))
     record = tsm.Record("a", t, {"u": u, "y": y}, {"u": "V", "y": "V"})
     (one,) = tsm.diagnose(base, record, effects=["saturation", "odd_nonlinearity"]).effects
-    assert (one.name, list(one.sizes)) == ("saturation", ["upper limit"])
+    assert (one.name, next(iter(one.sizes))) == ("saturation", "upper limit")
+    assert "lower limit" not in one.sizes
     assert one.sizes["upper limit"].value == pytest.approx(3.9, abs=0.01)
-    assert set(one.parameters) == {"low", "high"}
+    assert one.sizes["cut off at the upper end"].value == pytest.approx(np.max(u) - 3.9, abs=0.02)

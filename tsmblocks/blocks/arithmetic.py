@@ -181,7 +181,9 @@ class Power(Block):
 
     exponent: float = parameter(default=0.5, about="power n", at_least=0.1, at_most=10.0)
     gain: float = parameter(default=1.0, about="factor K")
-    smoothing: float = parameter(default=1e-3, about="value u0 below which it is linear", unit="?u", above=0.0)
+    smoothing: float = parameter(
+        default=1e-3, about="value u0 below which it is linear", unit="?u", above=0.0, known=True
+    )
     u = Input("any signal", unit="?u")
     y = Output("the signal raised to the power")
 

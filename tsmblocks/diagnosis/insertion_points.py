@@ -139,17 +139,13 @@ def insertion_points(
             found.append(InsertionPoint("mode", name, source, other=driving, after=source))
         if signal != source:  # an output that is its own drive has no drive in front of it
             found += _at_the_drive(diagram, name, source, drive, unit)
-        if is_no_motion(unit) or is_one_of(unit, LEVEL_DIMENSIONS):
-            found += _at_the_balance(diagram, name, source, drive)
         for port, moved in _inner_drives(diagram, name, drive):
             found.append(InsertionPoint("drive", name, source_of(diagram, port), before=port))
             if moved != source or not is_no_motion(unit):
                 found.append(_against_motion("load", name, diagram, port, moved))
         found += _in_the_control_loop(diagram, name, source, named)
         if is_no_motion(unit) or is_one_of(unit, LEVEL_DIMENSIONS):
-            back = [*_acting_back(diagram, name, source, named), *_at_elements(diagram, name, source, named)]
-            # what a motion acts back with is a load, or in the deflection of a spring
-            found += [point for point in back if is_no_motion(unit) or _is_balance(diagram, point)]
+            found += _of_a_level(diagram, name, source, drive, named, unit)
         inside = list(_inside_the_transmission(diagram, name, source))
         found += [*inside, *_along_a_deflection(diagram, name, drive, inside)]
     loads = {point.before for point in found if point.place == "load"}
@@ -333,12 +329,21 @@ def _at_the_drive(diagram: Diagram, name: str, source: str, drive: str, unit: st
         yield _against_motion("load", name, diagram, drive, position)
 
 
-def _at_the_balance(diagram: Diagram, name: str, source: str, drive: str) -> Iterator[InsertionPoint]:
-    """The wire that fills a level, or heats what is measured; no input, and not the ``drive`` of a motion."""
+def _of_a_level(
+    diagram: Diagram, name: str, source: str, drive: str, named: Collection[str], unit: str
+) -> Iterator[InsertionPoint]:
+    """Wires of a level, a temperature or the like: the one that fills or heats it, and those on which it acts back.
+
+    What fills it is no input, and not the ``drive`` of a motion.
+    """
     port = driving_port(diagram, name, 1)
     signal = source_of(diagram, port) if port else source
     if port != drive and signal not in (source, *diagram.inputs):
         yield InsertionPoint("balance", name, signal, before=port)
+    for point in (*_acting_back(diagram, name, source, named), *_at_elements(diagram, name, source, named)):
+        # what a motion acts back with is a load, or in the deflection of a spring
+        if is_no_motion(unit) or _is_balance(diagram, point):
+            yield point
 
 
 def _inner_drives(diagram: Diagram, output: str, nearest: str) -> Iterator[tuple[str, str]]:

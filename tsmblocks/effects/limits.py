@@ -50,8 +50,8 @@ SLOPES_LOST = tuple(
 )
 """How far a soft saturation bends at the ends of the range."""
 
-ENDS = {"high": ("upper", SLOPES_LOST[0]), "low": ("lower", SLOPES_LOST[1])}
-"""Limit -> the word for its end, and the slope lost there."""
+ENDS = {"high": ("upper", LIMITS[1], SLOPES_LOST[0]), "low": ("lower", LIMITS[0], SLOPES_LOST[1])}
+"""Limit -> the word for its end, it as a size, and the slope lost there."""
 
 
 def _dead_zone_trials(scales: Scales) -> Trials:
@@ -154,14 +154,14 @@ SOFT_SATURATION = attrs.evolve(
 
 def _soft_at(end: str, place: str) -> Effect:
     """A soft saturation at one end: of an amplifier, a pump or a spring that gives less and less."""
-    word, slope = ENDS[end]
+    word, limit, slope = ENDS[end]
     effect = attrs.evolve(
         SOFT_SATURATION,
         words=f"a soft saturation at the {word} end",
         null={end: SOFT_SATURATION.null[end]},
         free=(end, "softness"),
         trials=functools.partial(_one_end_trials, end),
-        sizes=(Size(f"cut off at the {word} end", functools.partial(_cut_off, end)), slope),
+        sizes=(limit, Size(f"cut off at the {word} end", functools.partial(_cut_off, end)), slope),
     )
     placed = in_front(effect) if place == "input" else effect
     return attrs.evolve(placed, place=place, variant=f"{place}, soft, {word} end".removeprefix("output, "))
