@@ -161,6 +161,7 @@ def bench(place):
         "deflection": "flexible_joint",
         "branch": "fig07_observer",
         "loop": "fig09b_elementary",
+        "balance": "two_tanks",
     }
     return tsm.load(inside.get(place, "tendon_sheath_linear"))
 

@@ -56,7 +56,8 @@ REFUSED = {
     "sampled_position_loop": {("hysteresis", "u")},
     "tank": {(name, "x_out") for name in ("rate_dependence", "stribeck_friction")},
 }
-"""Around a closed loop without a lag, and behind a level that sets its own, the rate of a signal would need itself; a sampled command has none."""
+"""Around a closed loop without a lag, and behind a level that sets its own, the rate of a signal would need itself; a
+sampled command has none."""
 
 
 UNSTABLE = {("hysteresis", "loop"), ("hysteresis", "branch"), ("resonance", "mode")}

@@ -33,9 +33,13 @@ from tsmblocks.blocks import (
     RateDependence,
     Resonance,
     Ripple,
+    SettlingGain,
+    SettlingOffset,
     Slack,
     Stretch,
     StribeckStretch,
+    TemporaryGain,
+    TemporaryOffset,
 )
 
 # Each with its strength at zero, and the rest away from its defaults.
@@ -50,6 +54,10 @@ NULL = {
     "Jump": Jump(time=0.7, width=0.05),
     "GainChange": GainChange(time=0.7, width=0.05),
     "GainDrift": GainDrift(),
+    "SettlingOffset": SettlingOffset(time_constant=0.4),
+    "SettlingGain": SettlingGain(time_constant=0.4),
+    "TemporaryOffset": TemporaryOffset(time=0.4, until=0.9, width=0.05),
+    "TemporaryGain": TemporaryGain(time=0.4, until=0.9, width=0.05),
     "LoopChange": LoopChange(distance=0.2, time=0.7),
     "Disturbance": Disturbance(frequency=3.3),
     "Creep": Creep(time_constant=0.3),
@@ -81,6 +89,10 @@ ACTIVE = {
     "Jump": (Jump(size=0.2, time=0.7, width=0.1), ("size", "time", "width")),
     "GainChange": (GainChange(change=0.2, time=0.7, width=0.1), ("change", "time", "width")),
     "GainDrift": (GainDrift(rate=0.02), ("rate",)),
+    "SettlingOffset": (SettlingOffset(size=0.2, time_constant=0.4), ("size", "time_constant")),
+    "SettlingGain": (SettlingGain(change=0.2, time_constant=0.4), ("change", "time_constant")),
+    "TemporaryOffset": (TemporaryOffset(size=0.2, time=0.4, until=0.9, width=0.1), ("size", "time", "until", "width")),
+    "TemporaryGain": (TemporaryGain(change=0.2, time=0.4, until=0.9, width=0.1), ("change", "time", "until", "width")),
     "LoopChange": (
         LoopChange(change=-0.1, gain=0.2, time=0.7, width=0.1),
         ("change", "gain", "distance", "time", "width"),
@@ -216,7 +228,9 @@ def test_derivatives_by_the_strengths_at_zero(name):
     strengths = {"Slack": ["share"], "AsymmetricGain": ["difference"],
                  "Bend": ["quadratic", "cubic", "quartic", "quintic"], "Bow": ["size"],
                  "Ripple": ["cosine", "sine"], "Drift": ["rate"],
-                 "Jump": ["size"], "GainChange": ["change"], "GainDrift": ["rate"], "LoopChange": ["change", "gain"],
+                 "Jump": ["size"], "GainChange": ["change"], "GainDrift": ["rate"],
+                 "SettlingOffset": ["size"], "SettlingGain": ["change"], "TemporaryOffset": ["size"],
+                 "TemporaryGain": ["change"], "LoopChange": ["change", "gain"],
                  "Creep": ["share"], "BroadCreep": ["share"], "Disturbance": ["cosine", "sine"],
                  "RateDependence": ["coefficient"],
                  "Resonance": ["share"], "ParallelResonance": ["gain", "rate_gain"],
@@ -297,6 +311,11 @@ def test_ripple():
         assert value(Ripple(cosine=0.3, sine=0.4, cycles=3.0), u=u)["y"] == pytest.approx(expected, abs=1e-14)
 
 
+def _share(t, first, last):
+    """One between two instants, one half at them."""
+    return np.heaviside(np.round(t - first, 9), 0.5) - np.heaviside(np.round(t - last, 9), 0.5)
+
+
 @pytest.mark.parametrize(
     ("block", "expected"),
     [
@@ -306,6 +325,14 @@ def test_ripple():
         (GainChange(change=0.3, time=1.0, width=0.1), lambda t, u: u * (1 + 0.3 / (1 + np.exp(-2 * (t - 1) / 0.1)))),
         (GainDrift(rate=-0.07), lambda t, u: u - 0.07 * t * u),
         (GainDrift(rate=-0.07, since=0.5), lambda t, u: u - 0.07 * (t - 0.5) * u),
+        (SettlingOffset(size=0.3, time_constant=0.5), lambda t, u: u + 0.3 * (1 - np.exp(-t / 0.5))),
+        (
+            SettlingGain(change=0.3, time_constant=0.5, since=0.6),
+            lambda t, u: u * (1.3 - 0.3 * np.exp(-np.maximum(t - 0.6, 0) / 0.5)),
+        ),
+        (TemporaryOffset(size=0.3, time=0.5, until=1.5, width=1e-9), lambda t, u: u + 0.3 * _share(t, 0.5, 1.5)),
+        (TemporaryGain(change=0.3, time=0.5, until=1.5, width=1e-9), lambda t, u: u * (1 + 0.3 * _share(t, 0.5, 1.5))),
+        (TemporaryOffset(size=0.3, time=1.5, until=0.5, width=1e-9), lambda t, u: u - 0.3 * _share(t, 0.5, 1.5)),
         (Disturbance(cosine=0.3, frequency=2.0, since=0.3), lambda t, u: u + 0.3 * np.cos(4 * np.pi * (t - 0.3))),
         (
             Disturbance(cosine=0.3, sine=0.4, frequency=2.0),
@@ -319,6 +346,11 @@ def test_ripple():
         "GainChange",
         "GainDrift",
         "GainDrift since",
+        "SettlingOffset",
+        "SettlingGain since",
+        "TemporaryOffset",
+        "TemporaryGain",
+        "TemporaryOffset with its ends swapped",
         "Disturbance since",
         "Disturbance",
     ],

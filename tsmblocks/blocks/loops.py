@@ -6,9 +6,9 @@ from typing import Any
 
 import casadi as ca
 
+from tsmblocks.blocks.changes import after
 from tsmblocks.blocks.hysteresis import check_weights, plays
 from tsmblocks.blocks.linear_systems import initial_states
-from tsmblocks.blocks.time_varying import after
 from tsmblocks.model.block import Block, Input, Output, State, block, parameter, state
 
 

@@ -20,7 +20,10 @@ from tsmblocks.reference import examples, figures, rst, search_words, uses
 from tsmblocks.reference.trace import LONGEST, Listing, listing, spaced
 
 LETTERS = "A unit in italics, as *u*, is any unit, the same wherever the letter occurs."
-ACROSS = ("limits", "friction", "hysteresis", "control", "loops", "transmission", "delays", "arithmetic", "sensors")
+ACROSS = (
+    *("limits", "friction", "hysteresis", "control", "loops", "transmission", "changes", "delays"),
+    *("arithmetic", "sensors"),
+)
 """Families whose output is drawn over the input too, unless the input only jumps."""
 LEVELS = 8
 """Distinct values up to which a signal is taken to jump between them."""
@@ -40,6 +43,7 @@ FAMILY_WORDS = {
     "delays": "Delays and lags that may be zero, for fits that estimate them.",
     "loops": "Hysteresis loops added to a signal; with their defaults they pass it on unchanged.",
     "transmission": "Deviations added to a signal; with their defaults they pass it on unchanged.",
+    "changes": "Drifts, jumps and gains that change over time; with their defaults they pass the signal on.",
     "hydraulics": "Tanks.",
 }
 

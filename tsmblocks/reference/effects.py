@@ -13,6 +13,7 @@ import numpy as np
 from tsmblocks.blocks import MultiSine
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.tables import unique_names
+from tsmblocks.diagnosis.candidates import unit_of_signal, whole_turn
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.diagnosis.variants import VARIANT_WORDS, parts_of
@@ -68,6 +69,7 @@ PLANTS = {
     "loop": "fig09a_without_feedforward",
     "transmission": "belt_drive",
     "deflection": "flexible_joint",
+    "balance": "two_tanks",
 }
 """Shipped diagrams into which the pages insert effects, by place: those on signals where no other is given."""
 SPEED = {"v": "motor.v"}
@@ -79,7 +81,10 @@ INPUTS = {
     "u": MultiSine(amplitudes=(1.5, 1.5), frequencies=(0.2, 0.5), phases=(math.pi / 2, math.pi / 2), unit="V"),
     "v": MultiSine(amplitudes=(0.6, 0.3), frequencies=(0.15, 0.4), unit="rad/s"),
     "torque": MultiSine(amplitudes=(6.0, 3.0), frequencies=(0.2, 0.5), unit="N*m"),
+    "voltage": MultiSine(amplitudes=(1.5, 0.8), frequencies=(0.05, 0.15), unit="V"),
 }
+REST = {"voltage": 3.0}
+"""Inputs that vary about another value than zero: a pump turns one way only."""
 PLACE_IN_TRIALS = {"position_ripple": 1 / 8}
 """Which of the trials of an effect its page shows, as a share of their list, where it is not the one in the middle: of
 ripples, one of a few periods over the range."""
@@ -302,14 +307,17 @@ def _run(diagram: Diagram) -> Run:
     t = np.arange(0.0, STOP, STEP)
     source = INPUTS[name]
     tones = zip(source.amplitudes, source.frequencies, source.phases, strict=True)
-    u = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
+    u = REST.get(name, 0.0) + sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
     return simulate(diagram, inputs={name: (t, u)}, hold="cubic", stop=float(t[-1]), step=STEP, check_step=False)
 
 
 def _scales(plant: Diagram, site: InsertionPoint) -> Scales:
     """The scales of the signals at an insertion point of a plant."""
     run = _run(plant)
-    wire, other = (span_of([np.asarray(run[k])], [STEP]) for k in (site.signal, site.other or site.signal))
+    wire, other = (
+        attrs.evolve(span_of([np.asarray(run[k])], [STEP]), turn=whole_turn(unit_of_signal(plant, k)))
+        for k in (site.signal, site.other or site.signal)
+    )
     return Scales(wire, other, 0.0, STOP, STEP, STOP, (LINE,))
 
 

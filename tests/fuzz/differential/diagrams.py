@@ -105,6 +105,14 @@ BENDING: list[Make] = [
     lambda r: B.Drift(rate=_either(r, 0, 2), curve=_either(r, 0, 2), since=_some(r, 0, 0.3)),
     lambda r: B.GainDrift(rate=_either(r, 0, 2), since=_some(r, 0, 0.3)),
     lambda r: B.GainChange(change=_either(r, 0, 1), time=_some(r, 0.1, 0.4), width=_some(r, 0.02, 0.2)),
+    lambda r: B.SettlingOffset(size=_either(r, 0, 1), time_constant=_some(r, 0.1, 2), since=_some(r, 0, 0.3)),
+    lambda r: B.SettlingGain(change=_either(r, 0, 1), time_constant=_some(r, 0.1, 2), since=_some(r, 0, 0.3)),
+    lambda r: B.TemporaryOffset(
+        size=_either(r, 0, 1), time=_some(r, 0.1, 0.3), until=_some(r, 0.2, 0.5), width=_some(r, 0.02, 0.2)
+    ),
+    lambda r: B.TemporaryGain(
+        change=_either(r, 0, 1), time=_some(r, 0.1, 0.3), until=_some(r, 0.2, 0.5), width=_some(r, 0.02, 0.2)
+    ),
     lambda r: B.Jump(size=_either(r, 0, 1), time=_some(r, 0.1, 0.4), width=_some(r, 0.02, 0.2)),
 ]
 """Smooth blocks without memory."""

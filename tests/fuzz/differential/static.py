@@ -234,6 +234,15 @@ def risen(b: Any, t: Any) -> Any:
     return 0.5 * (1 + n.tanh((t - b.time) / b.width))
 
 
+def _ended(b: Any, t: Any) -> Any:
+    """The same of the instant at which an effect ends."""
+    return 0.5 * (1 + n.tanh((t - b.until) / b.width))
+
+
+def _settled(b: Any, t: Any) -> Any:
+    return 1 - n.exp(-n.larger(t - b.since, 0.0) / b.time_constant)
+
+
 def _disturbance(b: Any, t: Any, x: Any, u: Any) -> Any:
     phase = TURN * b.frequency * (t - b.since)
     return u.u + b.cosine * n.cos(phase) + b.sine * n.sin(phase)
@@ -244,6 +253,10 @@ law("Drift", lambda b, t, x, u: u.u + b.rate * (t - b.since) + b.curve * (t - b.
 law("GainDrift", lambda b, t, x, u: u.u * (1 + b.rate * (t - b.since)), still=False)
 law("GainChange", lambda b, t, x, u: u.u * (1 + b.change * risen(b, t)), still=False)
 law("Jump", lambda b, t, x, u: u.u + b.size * risen(b, t), still=False)
+law("SettlingOffset", lambda b, t, x, u: u.u + b.size * _settled(b, t), still=False)
+law("SettlingGain", lambda b, t, x, u: u.u * (1 + b.change * _settled(b, t)), still=False)
+law("TemporaryOffset", lambda b, t, x, u: u.u + b.size * (risen(b, t) - _ended(b, t)), still=False)
+law("TemporaryGain", lambda b, t, x, u: u.u * (1 + b.change * (risen(b, t) - _ended(b, t))), still=False)
 law("Derivative", lambda b, t, x, u: u.rate)
 law("SmoothSlope", lambda b, t, x, u: slope(b, u.v))
 
