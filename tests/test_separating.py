@@ -111,7 +111,7 @@ def test_of_several_the_hardest_to_tell_counts(models):
     assert max(s.size for s in separations(one, [other, same], records, ASKED)) < 1e-2
     said = separating_experiment(one, [other, same], records, ASKED)
     assert said.startswith(effect("dead_time").separates)
-    assert "; or a larger range or a higher speed than recorded. No motion within the recorded range" in said
+    assert "; with a larger range or a higher speed than recorded, since no motion that was tried" in said
     assert said.endswith(" times the noise; 0.24 is needed)")
 
 

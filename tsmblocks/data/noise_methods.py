@@ -17,6 +17,8 @@ from tsmblocks.data.slow_noise import Stretch, mean_square
 
 STAND_STILL = "stand-still"
 """Method of a floor that was estimated while the inputs rest."""
+STILL_MOVING = "the signal still moves there: it rings or settles, or something else drives it"
+"""Why a floor from stand-still is not used."""
 MIN_FREEDOM = 30
 """Degrees of freedom below which an estimate is not given. Derived: its relative error, 1/sqrt(2 freedom), would be
 more than an eighth."""
@@ -199,9 +201,9 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     found = Found(STAND_STILL, tuple(made), float(record.t[-1] - record.t[0]))
     if found.samples - len(made) < MIN_FREEDOM:
         found = attrs.evolve(found, stretches=tuple(moving))
-        return attrs.evolve(found, doubt="the signal moves while the inputs rest") if moving else None
+        return attrs.evolve(found, doubt=STILL_MOVING) if moving else None
     if smooth(made, fast) or any(_follows(record, k, name, rests) for k in others):
-        return attrs.evolve(found, doubt="the signal moves while the inputs rest")
+        return attrs.evolve(found, doubt=STILL_MOVING)
     return found
 
 

@@ -33,6 +33,8 @@ def details_text(diagnosis: Diagnosis) -> str:
         parts += _parameters(segment, several)
         parts += limits_texts(segment, several) if segment.verdict != "none" else []
     parts += _script(diagnosis)
+    if diagnosis.no_consequence:
+        parts.append(filled(f"Consequence for control: {diagnosis.no_consequence}"))
     return "\n\n".join(parts)
 
 

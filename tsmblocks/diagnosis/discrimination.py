@@ -76,8 +76,8 @@ def separating_experiment(
         return best.words if best.size >= MIN_SEPARATION else own.separates
     if not best.size >= MIN_SEPARATION:
         return (
-            f"{own.separates}; or a larger range or a higher speed than recorded. No motion within the recorded range "
-            f"and speed separates them (expected difference {to_digits(best.size)} times the noise; "
+            f"{own.separates}; with a larger range or a higher speed than recorded, since no motion that was tried "
+            f"within these separates them (expected difference {to_digits(best.size)} times the noise; "
             f"{to_digits(MIN_SEPARATION)} is needed)"
         )
     enough = f", rms; {to_digits(MIN_SEPARATION)} is enough" if best.size < 1 else ""  # of thousands of samples

@@ -176,7 +176,7 @@ def _indistinguishable(segment: Segment) -> list[str]:
 def _consequence(diagnosis: Diagnosis) -> list[str]:
     found = diagnosis.consequence
     if found is None:
-        return [filled(f"Consequence for control: {diagnosis.no_consequence}")] if diagnosis.no_consequence else []
+        return []
     k, unit = display_unit(found.unit)
     rows = [
         [f"error [{unit}]", "peak to peak", "rms"],

@@ -210,7 +210,10 @@ GAIN_DRIFT = attrs.evolve(
     free=("rate",),
     trials=lambda scales: Trials({"rate": 0.05 / _duration(scales)}, fixed=_time_origin(scales)),
     variant="drift",
-    sizes=(in_proportion("drift of the gain", "rate", "%/min", PERCENT * MINUTE),),
+    sizes=(
+        in_proportion("drift of the gain", "rate", "%/min", PERCENT * MINUTE),
+        Size("over the shortest recording", lambda p, scales: PERCENT * p["rate"] * scales.shortest, "%"),
+    ),
 )
 TEMPORARY_GAIN = attrs.evolve(
     GAIN_CHANGE,
