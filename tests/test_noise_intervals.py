@@ -60,10 +60,7 @@ def test_a_load_that_moves_while_the_inputs_rest_is_no_noise():
     assert set(methods) == {"high frequencies"}
     assert np.all(np.abs(floor - 1) < 0.1)
     assert np.all(np.isinf(high))
-    assert all(
-        said.startswith(f"stand-still: {STILL_MOVING} (")
-        for said in doubts
-    )
+    assert all(said.startswith(f"stand-still: {STILL_MOVING} (") for said in doubts)
 
 
 def test_a_reason_that_several_recordings_have_is_said_once_with_the_largest_size():

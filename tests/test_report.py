@@ -23,7 +23,7 @@ from tsmblocks.diagnosis.merged_notes import merged_notes
 from tsmblocks.diagnosis.model_difference import difference, in_code
 from tsmblocks.diagnosis.next_steps import next_steps
 from tsmblocks.diagnosis.rejection import NOT_ACCEPTED
-from tsmblocks.diagnosis.segment import Quantity
+from tsmblocks.diagnosis.segment import InputNoiseRms, Quantity
 from tsmblocks.diagnosis.shift_in_time import SHIFT_IN_TIME
 from tsmblocks.html import charts, figures
 from tsmblocks.html.pages import style
@@ -300,6 +300,22 @@ def test_a_share_of_the_error_above_the_noise_floor_needs_such_an_error():
     below = attrs.evolve(NAMED.gaps[0], held_out=(0.099 * DEG, 0.09 * DEG))
     text = verdict_text.verdict_sentence(attrs.evolve(NAMED, gaps=(below,)))
     assert "falls from 0.0990 to 0.0900 deg rms (noise floor 0.100)." in text
+
+
+@pytest.mark.parametrize(
+    ("left", "changes", "word"),
+    [
+        (0.12, {}, "Named"),
+        (0.19, {}, "Named, rest unexplained"),
+        (0.19, {"complete": False}, "Named, incomplete"),
+        (0.19, {"noise_of_inputs": (InputNoiseRms("x_in", 0.01, "V", 0.02),)}, "Named"),
+        (0.19, {"verdict": "unknown", "complete": False}, "Unknown"),
+    ],
+)
+def test_the_word_says_whether_the_rest_is_explained(left, changes, word):
+    """A rest of several times the floor was plain Named where nothing predicted it, and false names looked sure."""
+    gap = attrs.evolve(NAMED.gaps[0], held_out=(0.4 * DEG, left * DEG))
+    assert verdict_text.verdict_word(attrs.evolve(NAMED, gaps=(gap,), **changes)) == word
 
 
 def test_a_compensator_that_does_no_better_is_explained():

@@ -14,7 +14,7 @@ TABLE_HEAD = rf"(?:\A|(?<=\n\n)|(?<=:\n))(?=[^\n]*\S {{2,}}\S)(?![^\n]* {{2}}{A_
 """The first line of a part of the text, where it has cells and none of them is a number."""
 EMPHASIS: tuple[tuple[str, tuple[int, ...]], ...] = (
     (r"^NONE(?=\.)", (BOLD, GREEN)),
-    (r"^NAMED(?=\.)|^NAMED, INCOMPLETE(?=\.)", (BOLD, BLUE)),
+    (r"^NAMED(, INCOMPLETE|, REST UNEXPLAINED)?(?=\.)", (BOLD, BLUE)),
     (r"^UNKNOWN(?=\.)", (BOLD, YELLOW)),
     (r"^(?:beware(?: in .+)?|could not be fitted):$", (BOLD, YELLOW)),
     (r"^tsmblocks: (?:warning:)?", (BOLD, RED)),

@@ -16,8 +16,9 @@ from tsmblocks.demo.paper import DIAGRAMS, Case
 from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story
 from tsmblocks.demo.text import TITLES
 from tsmblocks.diagnosis.presentation import by_excess, output_traces, profile
+from tsmblocks.diagnosis.reported_gap import worst_gap
 from tsmblocks.diagnosis.result import Diagnosis
-from tsmblocks.diagnosis.verdict_text import verdict_sentence, verdict_word, worst_gap
+from tsmblocks.diagnosis.verdict_text import verdict_sentence, verdict_word
 from tsmblocks.draw import to_svg
 from tsmblocks.files import load
 from tsmblocks.fitting.text import estimate_rows

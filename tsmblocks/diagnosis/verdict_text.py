@@ -20,6 +20,7 @@ from tsmblocks.diagnosis.presentation import (
     output_traces,
 )
 from tsmblocks.diagnosis.rejection import LEAVES_MORE, NOT_ACCEPTED
+from tsmblocks.diagnosis.reported_gap import most_reduced, share_removed, variance_above_floor, worst_gap
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, RankedCandidate, Segment
 from tsmblocks.effects.sizes import MILLISECONDS
@@ -28,6 +29,9 @@ from tsmblocks.fitting.input_checks import runs_ahead
 
 REMAINING_ERROR_RATIO = 1.1
 """Held-out rms over the noise floor from which a remaining error is reported. Chosen."""
+MIN_UNEXPLAINED = 1.5
+"""Rms of what named effects leave [noise floors], from which the verdict itself says so. Chosen: the half of its mean
+square is slow noise, or a model error."""
 NEARLY_ALL = 0.98
 """Share of the reduction by an effect that was named from which one that leaves more error explains nearly as much.
 Chosen: no block has quite the form of a real mechanism."""
@@ -145,8 +149,19 @@ def _other_places(effects: Sequence[NamedEffect]) -> str:
 
 def verdict_word(segment: Segment) -> str:
     """The verdict on a segment in a word or two: the same on a terminal, on pages and in files."""
-    more = ", incomplete" if segment.verdict == "named" and not segment.complete else ""
-    return f"{segment.verdict.capitalize()}{more}"
+    if segment.verdict != "named":
+        return segment.verdict.capitalize()
+    if not segment.complete:
+        return "Named, incomplete"
+    return "Named, rest unexplained" if _leaves_unexplained(segment) else "Named"
+
+
+def _leaves_unexplained(segment: Segment) -> bool:
+    """Whether what named effects leave is far above the noise floor, and nothing tells it from slow noise."""
+    gap = most_reduced(segment)
+    if gap.given or _outliers(gap) or _cause_at_inputs(segment):
+        return False
+    return bool(gap.rest >= MIN_UNEXPLAINED * gap.judged_floor > 0)
 
 
 def _no_other(segment: Segment) -> str:
@@ -188,7 +203,7 @@ def _shape(segment: Segment) -> str:
         large = f"it is too large for noise of the output; {cause}" if cause else "it is too large for noise"
         return f"The residual is irregular: {UNPREDICTED}, and {large}."
     gap = worst_gap(segment)
-    share = percent(min(segment.predictable[1] * gap.judged[0] ** 2 / _variance_above_floor(gap), 1.0))
+    share = percent(min(segment.predictable[1] * gap.judged[0] ** 2 / variance_above_floor(gap), 1.0))
     return f"Of the variance above the noise floor, {share} is predicted from the recorded signals on held-out data."
 
 
@@ -239,20 +254,10 @@ def _size(effect: NamedEffect, segment: Segment) -> str:
     return ", ".join([f"{effect.name}{block} on {effect.wire.strip()}", *main_sizes(effect, segment)])
 
 
-def worst_gap(segment: Segment) -> Gap:
-    """The errors of the output that is farthest above its noise floor."""
-    return max(segment.gaps, key=lambda g: g.judged[0] / g.judged_floor if g.judged_floor > 0 else 0.0)
-
-
-def _most_reduced(segment: Segment) -> Gap:
-    """The errors of the output whose mean square falls by most, in noise floors."""
-    return max(segment.gaps, key=lambda g: (g.judged[0] ** 2 - g.judged[-1] ** 2) / max(g.judged_floor, 1e-300) ** 2)
-
-
 def _reduction(segment: Segment) -> str:
-    gap = _most_reduced(segment)
+    gap = most_reduced(segment)
     k, unit = display_unit(gap.unit)
-    share = _share_removed(gap)
+    share = share_removed(gap)
     them = "it" if len(segment.effects) == 1 else "them"
     falls = (
         f"With {them}, the {_error_of(gap)} {_goes(gap)} from {digits(k * gap.judged[0])} to "
@@ -271,16 +276,6 @@ def _reduction(segment: Segment) -> str:
         return f"{falls}. {_noise_that_remains(gap, segment)}{others}"
     by = f", by {percent(share)} of the variance above the noise floor" if share < ALL_SHARE else ""
     return f"{falls} (noise floor {floor}){by}. {_remaining(segment, gap)}{others}"
-
-
-def _share_removed(gap: Gap) -> float:
-    """The share of the variance of an output above its noise floor that the effects remove, on held-out data."""
-    return min((gap.judged[0] ** 2 - gap.judged[-1] ** 2) / _variance_above_floor(gap), 1.0)
-
-
-def _variance_above_floor(gap: Gap) -> float:
-    """The variance of the base's error, on held-out data, above the noise floor."""
-    return max(gap.judged[0] ** 2 - gap.judged_floor**2, 1e-300)
 
 
 def _other_outputs(segment: Segment, reported: Gap) -> str:

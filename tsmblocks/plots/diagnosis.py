@@ -9,10 +9,10 @@ import numpy as np
 from tsmblocks.common.errors import TsmError, near
 from tsmblocks.data import heading
 from tsmblocks.diagnosis.presentation import by_excess, darkness, gap_rows, output_traces, profile, strips
+from tsmblocks.diagnosis.reported_gap import worst_gap
 from tsmblocks.diagnosis.result import Diagnosis
 from tsmblocks.diagnosis.segment import Gap, Segment, Trace
 from tsmblocks.diagnosis.text import column_titles
-from tsmblocks.diagnosis.verdict_text import worst_gap
 from tsmblocks.plots.panels import aligned, axes, dress, entitle, head, in_time, key, scaled, shared_key, sheet
 from tsmblocks.plots.style import BEFORE, INK, MEASURED, NOISE, NOISE_BAND, PALE, styled
 from tsmblocks.plots.style import MODEL as AFTER
