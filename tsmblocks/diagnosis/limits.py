@@ -77,7 +77,7 @@ def _limit(score: ScreeningScore, detectable: float, recorded: Mapping[str, str]
     candidate = score.candidate
     for one in [] if isinstance(candidate.effect, Replacement) else score.limits(detectable):
         name, size, unit = detectable_size(candidate, one.parameter, one.value, one.shape, recorded)
-        if not _is_beyond(candidate, one.parameter, name, abs(size)):
+        if not _is_beyond(candidate, one.parameter, name, size):
             effect = candidate.effect
             value, own = abs(one.value), displayed_unit(_unit(score, one.parameter), candidate, recorded)
             return DetectionLimit(effect.name, one.parameter, value, own, effect.excites, name, size, unit)
@@ -90,7 +90,11 @@ def _unit(score: ScreeningScore, parameter: str) -> str:
 
 
 def _is_beyond(candidate: Candidate, parameter: str, name: str, size: float) -> bool:
-    """Whether a size is far beyond what it is measured by: the range or rate of its signal, a recording, the whole."""
+    """Whether a size is far beyond what it is measured by: the range or rate of its signal, a recording, the whole.
+
+    A level at which something is limited is beyond its signal where that does not reach it: a soft limit acts there
+    too, but a reader takes it for a hard one.
+    """
     scales, of = candidate.scales, next((one for one in candidate.effect.sizes if one.name == name), None)
     if scales is None or of is None:
         return False
@@ -102,9 +106,9 @@ def _is_beyond(candidate: Candidate, parameter: str, name: str, size: float) -> 
         "s": scales.shortest,
         "ms": MILLISECONDS * scales.shortest,
     }
-    if np.isinf(candidate.effect.null.get(parameter, 0.0)):  # a level of the signal, which is in its range
-        whole.pop("{u}")
-    return size > (MAX_PERCENT if of.unit == "%" else whole.get(of.unit, np.inf))
+    if np.isinf(candidate.effect.null.get(parameter, 0.0)) and of.unit == "{u}":
+        return not wire.low <= size <= wire.high
+    return abs(size) > (MAX_PERCENT if of.unit == "%" else whole.get(of.unit, np.inf))
 
 
 def _without_limit(

@@ -161,7 +161,7 @@ def _soft_at(end: str, place: str) -> Effect:
         null={end: SOFT_SATURATION.null[end]},
         free=(end, "softness"),
         trials=functools.partial(_one_end_trials, end),
-        sizes=(limit, Size(f"cut off at the {word} end", functools.partial(_cut_off, end)), slope),
+        sizes=(Size(f"cut off at the {word} end", functools.partial(_cut_off, end)), limit, slope),
     )
     placed = in_front(effect) if place == "input" else effect
     return attrs.evolve(placed, place=place, variant=f"{place}, soft, {word} end".removeprefix("output, "))
