@@ -210,6 +210,8 @@ def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
     assert "irregular" not in told
     assert "The residual is too large for noise." in told
     assert next_steps(said)[0].startswith("Record the same motion twice")
+    again = attrs.evolve(said, gaps=tuple(attrs.evolve(gap, method="repeats") for gap in said.gaps))
+    assert not any(step.startswith("Record the same motion twice") for step in next_steps(again))
     assert next_steps(NAMED) == []
 
 

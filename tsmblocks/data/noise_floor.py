@@ -14,15 +14,15 @@ from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.data.fast_noise import HIGH_FREQUENCIES, fast_level, sample_to_sample_noise
-from tsmblocks.data.noise_methods import STAND_STILL, Found, measured, of_periods, of_repeats, of_rests
+from tsmblocks.data.noise_methods import REPEATS, STAND_STILL, Found, measured, of_periods, of_repeats, of_rests
 from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
 from tsmblocks.data.slow_noise import Level, level, mean_square
 
-TRUST = ("repeats", "repeated periods", STAND_STILL, HIGH_FREQUENCIES)
+TRUST = (REPEATS, "repeated periods", STAND_STILL, HIGH_FREQUENCIES)
 """Methods, the most reliable first."""
 CONTENT = {
-    "repeats": "what differs between recordings of the same motion",
+    REPEATS: "what differs between recordings of the same motion",
     "repeated periods": "what differs from one period of the motion to a later one",
     STAND_STILL: "the noise while the mechanism stands still",
     HIGH_FREQUENCIES: "fast noise only; slow noise is not included",

@@ -15,6 +15,8 @@ from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.record import Record
 from tsmblocks.data.slow_noise import Stretch, mean_square
 
+REPEATS = "repeats"
+"""Method of a floor that is the difference between recordings of the same motion."""
 STAND_STILL = "stand-still"
 """Method of a floor that was estimated while the inputs rest."""
 STILL_MOVING = "the signal still moves there: it rings or settles, or something else drives it"
@@ -97,7 +99,7 @@ def of_repeats(records: list[Record], name: str) -> Found | None:
         )
     contrasts = np.linalg.qr(np.vstack([np.ones(len(rows)), np.eye(len(rows))[:-1]]).T)[0][:, 1:].T @ table
     made = [Stretch(row, first.step) for row in contrasts]
-    return _judged(Found("repeats", tuple(made), shortest, records=len(rows) / (len(rows) - 1)), _fast(first, name))
+    return _judged(Found(REPEATS, tuple(made), shortest, records=len(rows) / (len(rows) - 1)), _fast(first, name))
 
 
 def _fast(record: Record, name: str) -> float:

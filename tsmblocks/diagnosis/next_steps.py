@@ -8,6 +8,7 @@ import numpy as np
 
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import listed
+from tsmblocks.data.noise_methods import REPEATS
 from tsmblocks.diagnosis.concentration import concentrations
 from tsmblocks.diagnosis.insertion_points import is_speed
 from tsmblocks.diagnosis.limits import NO_PLACE, NOT_EXCITED
@@ -59,7 +60,8 @@ def next_steps(segment: Segment) -> list[str]:
     alone += [] if segment.verdict == "none" or segment.complete else _short_parts(segment)
     if segment.verdict == "none":
         noise = _noise_of_inputs(segment) or ([] if given else [floor])
-        steps = [repeat, *noise, *_integrate_a_speed(segment)]
+        repeated = any(gap.method == REPEATS for gap in segment.gaps)
+        steps = [*([] if repeated else [repeat]), *noise, *_integrate_a_speed(segment)]
         return [*alone, *(steps if noise_or_model_error(segment) else [])]
     if segment.complete:
         return []

@@ -34,6 +34,8 @@ NOISE_OF_INPUTS = ", and noise of the inputs"
 """What is added where noise of measured inputs is a part of the noise floor."""
 INPUT_NOISE_THRESHOLD = 1e-3
 """Variance caused by input noise [output noise variances] from which it is reported. Chosen: below three digits."""
+MOST_OF_EXCESS = 0.5
+"""Share of the mean square above the outputs' noise that noise of inputs has to cause to be reported. Chosen."""
 
 
 def segment_summary(diagnosed: DiagnosedPart, whole_diagram: Diagram) -> Segment:
@@ -90,6 +92,9 @@ def _noise_of_inputs(diagnosed: DiagnosedPart) -> tuple[InputNoiseRms, ...]:
     """The noise of inputs that may cause what the last model leaves, in the units of the recordings."""
     beside = diagnosed.beside_inputs
     if beside is None or not diagnosed.may_be_noise_of_inputs:
+        return ()
+    whole = float(np.mean(diagnosed.final.differences**2))
+    if whole - beside.square < MOST_OF_EXCESS * (whole - 1):  # the most likely noise causes next to nothing of it
         return ()
     records = list(diagnosed.search.records.values())
     spreads = {k: max(float(np.std(one[k])) for one in records if k in one) for k in beside.noise}
