@@ -210,9 +210,16 @@ def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
     assert "irregular" not in told
     assert "The residual is too large for noise." in told
     assert next_steps(said)[0].startswith("Record the same motion twice")
-    again = attrs.evolve(said, gaps=tuple(attrs.evolve(gap, method="repeats") for gap in said.gaps))
-    assert not any(step.startswith("Record the same motion twice") for step in next_steps(again))
     assert next_steps(NAMED) == []
+
+
+@pytest.mark.parametrize(("method", "advised"), [("high frequencies", True), ("repeats", False)])
+def test_a_repeat_is_advised_where_there_is_none(method, advised):
+    (gap,) = NONE.gaps
+    slow = attrs.evolve(gap, method=method, held_out=(0.2 * DEG,))
+    steps = next_steps(attrs.evolve(NONE, gaps=(slow,)))
+    assert any(step.startswith("Record the same motion twice") for step in steps) is advised
+    assert any(step.startswith("Give the noise of the sensor") for step in steps)
 
 
 def test_a_factor_that_varies_has_two_readings_and_its_residual_is_compared_with_the_noise():
