@@ -171,7 +171,7 @@ def test_a_step_too_long_is_a_warning_where_the_run_was_asked_for():
     (one,) = warned
     assert str(one.message).startswith(
         "diagram 'position loop': the step of 0.03 s is too long for the fastest pole (100 rad/s, at "
-        "pid.smooth); rk4 needs a step below about 0.028 s there, an implicit method (sdirk2) does not. In this run "
+        "pid.smooth); rk4 needs a step of about 0.027 s there, an implicit method (sdirk2) does not. In this run "
         "pid.smooth is 0.08109 at t = 0.06 s, where shorter steps give "
     )
     assert one.filename == __file__

@@ -249,7 +249,7 @@ def test_of_poles_and_of_the_run_there_is_one_warning():
     """Stiff at the start, where it grows for a moment, and wrong by far later on."""
     said, _ = warned(oscillator(10.0), stop=0.5, step=0.1)
     assert len(said) == 1
-    assert "needs a step below about" in said[0]
+    assert "needs a step of about" in said[0]
     assert re.search(r"there, an implicit method \(sdirk2\) does not\. In this run v\.\w+ is \S+ at t = ", said[0])
     assert re.search(r"\. A step of 0\.0\d+ s .*would do\.$", said[0])
     plain, _ = warned(oscillator(10.0), stop=0.5, step=0.1, check_step=False)

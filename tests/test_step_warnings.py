@@ -2,6 +2,7 @@
 # ruff: noqa: E501 - the text of a message stands on one line, as the user reads it
 
 import copy
+import re
 import warnings
 from concurrent.futures import ProcessPoolExecutor
 
@@ -12,13 +13,14 @@ import tsmblocks as tsm
 from tests.test_studies import lagged
 from tsmblocks.blocks import FirstOrderLag, RateLimit, Step
 from tsmblocks.cli import main
+from tsmblocks.common.rounding import to_digits_below
 from tsmblocks.export import to_c
 from tsmblocks.simulation.batch import simulate_batch
 from tsmblocks.simulation.stability import MOST_CHECKED, StepWarning, extreme_sets
 from tsmblocks.simulation.stepper import Stepper
 from tsmblocks.studies import latin_hypercube, responses
 
-TOO_LONG = "the step of 0.1 s is too long for the fastest pole (100 rad/s, at lag.value); rk4 needs a step below about 0.028 s there, an implicit method (sdirk2) does not."
+TOO_LONG = "the step of 0.1 s is too long for the fastest pole (100 rad/s, at lag.value); rk4 needs a step of about 0.027 s there, an implicit method (sdirk2) does not."
 LAG = f"diagram 'lag': {TOO_LONG}"
 SETS = {"gain.gain": [1.0, 2.0, 0.5], "lag.time_constant": [1.0, 0.01, 0.02]}
 WORST = f"{LAG} Of 3 sets of parameters that were checked this concerns 2, most of all gain.gain = 2, lag.time_constant = 0.01."
@@ -53,6 +55,31 @@ CALLS = {
         lambda: tsm.tune({"a": lagged(), "b": lagged()}, {"lag.time_constant": (0.01, 2.0)}, "rms(y)", starts=1, **HOW),
     ),
 }
+
+
+@pytest.mark.parametrize("method", ["euler", "heun", "rk4"])
+@pytest.mark.parametrize("zeta", [0.05, 0.7, 3.0])
+def test_at_the_step_that_is_advised_nothing_is_said(method, zeta):
+    """The step was that of a real pole of the size, rounded up: of a swing that decays slowly, 6 times too long."""
+    swing = tsm.blocks.SecondOrderLag(omega=100.0, zeta=zeta)
+    made = tsm.Diagram(title="swing", blocks={"lag": swing}, inputs={"u": "lag"}, outputs={"y": "lag"})
+
+    def run(step):
+        tsm.simulate(made, inputs={"u": lambda t: 0.0 * t}, stop=100 * step, step=step, method=method)
+
+    with pytest.warns(StepWarning) as given:
+        run(1.0)
+    step = float(re.search(r"needs a step of about (\S+) s there", str(given[0].message))[1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", StepWarning)
+        run(step)
+    with pytest.warns(StepWarning):
+        run(1.15 * step)
+
+
+@pytest.mark.parametrize(("value", "said"), [(0.02785, "0.027"), (0.5, "0.5"), (1234.0, "1200"), (0.0, "0")])
+def test_a_largest_value_is_rounded_down(value, said):
+    assert to_digits_below(value) == said
 
 
 @pytest.mark.parametrize("call", CALLS)
@@ -98,5 +125,5 @@ def test_the_command_that_writes_c_says_so(tmp_path, capsys):
         assert main(["export", "fig16_feedforward_feedback", "--out", str(out), "--step", "0.01"]) == 0
     assert " ".join(capsys.readouterr().err.split()) == (
         "tsmblocks: warning: diagram 'Feedforward plus PID feedback of the tip': the step of 0.01 s is too long for the fastest "
-        "pole (424 rad/s, at motor.speed); rk4 needs a step below about 0.0066 s there, an implicit method (sdirk2) does not."
+        "pole (424 rad/s, at motor.speed); rk4 needs a step of about 0.0065 s there, an implicit method (sdirk2) does not."
     )

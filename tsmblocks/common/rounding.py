@@ -52,6 +52,14 @@ def to_digits(value: float, digits: int = 2) -> str:
     return f"{float(f'{value:.{digits}g}'):g}"
 
 
+def to_digits_below(value: float, digits: int = 2) -> str:
+    """A positive number in so many digits, rounded down: what is told as a largest value must hold."""
+    if not 0 < value < math.inf:
+        return to_digits(value, digits)
+    unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
+    return to_digits(math.floor(value / unit * (1 + 1e-9)) * unit, digits)
+
+
 def significant(value: float, digits: int = 4) -> str:
     """A number with so many significant digits, trailing zeros included, as a column of a table has them."""
     return f"{value:#.{digits}g}".rstrip(".")

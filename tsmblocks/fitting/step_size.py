@@ -53,7 +53,7 @@ def state_at_limit(problem: Problem, theta: np.ndarray) -> str:
         run = RunStart(experiment.eq, problem.unknowns.parameters(theta, e), experiment.times.start)
         found = fastest_growing_pole(run, experiment.rule, STEP_MARGIN * experiment.times.h)
         if found is not None:
-            return found[1]
+            return found.state
     return ""
 
 

@@ -7,12 +7,13 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, NamedTuple
 
 import attrs
 import casadi as ca
 import numpy as np
 
+from tsmblocks.common.rounding import to_digits_below
 from tsmblocks.common.tables import few
 from tsmblocks.engine.equations import DELAY_SAMPLES, Equations, function_values
 from tsmblocks.engine.inputs import Signal
@@ -23,6 +24,9 @@ MOST_STATES = 120
 """States up to which eigenvalues are computed; above, the diagonal of the Jacobian is used. Chosen: for speed."""
 MOST_CHECKED = 16
 """Sets of parameters whose poles are computed, at most. Chosen: for speed."""
+
+BISECTIONS = 60
+"""Halvings in the search for the longest stable step. Chosen: to rounding."""
 
 _SILENT: ContextVar[bool] = ContextVar("quiet", default=False)
 """Whether step warnings are off in this context."""
@@ -64,15 +68,16 @@ def fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> str:
     if _SILENT.get():
         return ""
     checked = [(fastest_growing_pole(one, rule, h), one) for one in runs]
-    growing = [(*found, one) for found, one in checked if found is not None]
+    growing = [(found, one) for found, one in checked if found is not None]
     if not growing:
         return ""
-    pole, state, worst = max(growing, key=lambda one: abs(one[0]))
+    (pole, state, _), worst = max(growing, key=lambda one: abs(one[0].pole))
+    longest = min(found.longest_step for found, _ in growing)
     which = f" {concerned(len(checked), len(growing), worst.label)}" if worst.label else ""
     return (
         f"diagram '{worst.eq.title}': the step of {h:g} s is too long for the fastest pole "
-        f"({abs(pole):.3g} rad/s, at {state}); {rule.name} needs a step below about "
-        f"{rule.real_limit / abs(pole):.2g} s there, an implicit method (sdirk2) does not.{which}"
+        f"({abs(pole):.3g} rad/s, at {state}); {rule.name} needs a step of about "
+        f"{to_digits_below(longest)} s there, an implicit method (sdirk2) does not.{which}"
     )
 
 
@@ -113,7 +118,15 @@ def set_text(numbers: Mapping[str, Any]) -> str:
     )
 
 
-def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> tuple[complex, str] | None:
+class GrowingPole(NamedTuple):
+    """A decaying pole that grows under a method, its state, and the longest step [s] at which no such pole does."""
+
+    pole: complex
+    state: str
+    longest_step: float
+
+
+def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> GrowingPole | None:
     """The fastest decaying pole that grows under the method, with the state it belongs to; None if there is none."""
     if not run.eq.x:
         return None
@@ -121,7 +134,7 @@ def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> tuple[complex
 
 
 @functools.lru_cache(maxsize=128)
-def _growing_pole(eq: Equations, rule: Method, h: float, start: float, *bits: bytes) -> tuple[complex, str] | None:
+def _growing_pole(eq: Equations, rule: Method, h: float, start: float, *bits: bytes) -> GrowingPole | None:
     """As ``fastest_growing_pole``, of the bytes of parameters, states, memory and inputs.
 
     Kept, since the same run is often repeated: the poles take longer than a short run.
@@ -131,20 +144,36 @@ def _growing_pole(eq: Equations, rule: Method, h: float, start: float, *bits: by
     if len(eq.x) > MOST_STATES:
         values = a.astype(complex)
         worst = _fastest_growing(values, rule, h)
-        return None if worst is None else (complex(values[worst]), eq.x[worst])
+        return None if worst is None else GrowingPole(values[worst], eq.x[worst], _longest_step(values, rule, h))
     if not np.isfinite(a).all():
         return None  # the run reports what is not finite, and where
     if _fastest_growing(np.linalg.eigvals(a), rule, h) is None:
         return None
     values, vectors = np.linalg.eig(a)
     worst = _fastest_growing(values, rule, h)
-    return None if worst is None else (complex(values[worst]), _state_of(eq, vectors[:, worst]))
+    if worst is None:
+        return None
+    return GrowingPole(values[worst], _state_of(eq, vectors[:, worst]), _longest_step(values, rule, h))
+
+
+def _growing(values: np.ndarray, rule: Method, h: float) -> np.ndarray:
+    """Which of some poles decay and grow under a method."""
+    with np.errstate(all="ignore"):
+        return np.asarray((values.real < 0) & np.isfinite(values) & rule.grows(h * values))
+
+
+def _longest_step(values: np.ndarray, rule: Method, h: float) -> float:
+    """The longest step [s] at which none of some poles does, less than ``h`` at which one does."""
+    low, high = 0.0, h
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if _growing(values, rule, middle).any() else (middle, high)
+    return low
 
 
 def _fastest_growing(values: np.ndarray, rule: Method, h: float) -> int | None:
     """Position of the fastest of the decaying modes that grow under a method."""
-    with np.errstate(all="ignore"):
-        growing = (values.real < 0) & np.isfinite(values) & rule.grows(h * values)
+    growing = _growing(values, rule, h)
     return int(np.argmax(np.where(growing, np.abs(values), -1.0))) if growing.any() else None
 
 
