@@ -12,7 +12,7 @@ import numpy as np
 
 from tsmblocks.blocks import MultiSine
 from tsmblocks.common.errors import TsmError
-from tsmblocks.common.tables import unique_names
+from tsmblocks.common.tables import listed, unique_names
 from tsmblocks.diagnosis.candidates import unit_of_signal, whole_turn
 from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
@@ -159,13 +159,22 @@ def page(name: str, some: list[Effect]) -> str:
     ]
     has_letters = any("?" in _fields(e.block)[k].unit for e in some for k in e.free)
     opening = f"{rst.words(_capital(_words(some)))}."
+    alike = [[one for one in some if _is_separate(one, effect)] for effect in some]
+    titles, equations = _titles(some), _equations(some)
+    shown = [k for k, effect in enumerate(some) if not any(effect in others for others in alike)]
     return rst.page(
         rst.heading(name),
         opening,
         "\n".join(facts),
         LETTERS * has_letters,
-        *map(_variant, some, _titles(some), _equations(some)),
+        *(_variant(some[k], titles[k], equations[k], alike[k]) for k in shown),
     )
+
+
+def _is_separate(one: Effect, shared: Effect) -> bool:
+    """Whether a variant is another with separate values in each recording, which looks the same on a page."""
+    alike = (one.place, one.block, one.free) == (shared.place, shared.block, shared.free)
+    return alike and bool(one.local) and not shared.local
 
 
 def _titles(some: list[Effect]) -> list[str]:
@@ -189,12 +198,15 @@ def _equations(some: list[Effect]) -> list[str]:
     ]
 
 
-def _variant(effect: Effect, title: str, equation: str) -> str:
+def _variant(effect: Effect, title: str, equation: str, separate: list[Effect]) -> str:
+    """The section of a variant; ``separate`` are those that differ by separate values in each recording alone."""
     made = placed(effect)
     types = list(dict.fromkeys(uses.types_in(effect.block)))
+    names = [rst.code(name) for name in separate[0].local] if separate else []
+    own = f" Tried with a separate value of {listed(names, 9)} in each recording as well." if names else ""
     return rst.page(
         rst.heading(title, 1),
-        f"Its place is {PLACES[effect.place]}. Block{'s' if len(types) > 1 else ''}: {_links('blocks', types)}.",
+        f"Its place is {PLACES[effect.place]}. Block{'s' if len(types) > 1 else ''}: {_links('blocks', types)}.{own}",
         rst.formula(equation) if equation else "",
         rst.html(uses.linked_picture(effect.block)) if isinstance(effect.block, Diagram) else "",
         _numbers(effect, made),
