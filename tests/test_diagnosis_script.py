@@ -11,7 +11,8 @@ import tsmblocks as tsm
 from tsmblocks.blocks import Bias, FirstOrderLag, Gain
 from tsmblocks.diagnosis import script
 from tsmblocks.diagnosis.cautions import INCOMPLETE, MAYBE, do_not_carry_over, taken_over
-from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
+from tsmblocks.diagnosis.insertion_point import InsertionPoint
+from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model_difference import in_code
 from tsmblocks.diagnosis.presentation import fitted_rms, output_traces
 from tsmblocks.diagnosis.script import MAX_INLINE_EXPERIMENTS, diagram_source, literal, script_lines
@@ -162,6 +163,7 @@ def bench(place):
         "branch": "fig07_observer",
         "loop": "fig09b_elementary",
         "balance": "two_tanks",
+        "element": "flexible_joint",
     }
     return tsm.load(inside.get(place, "tendon_sheath_linear"))
 

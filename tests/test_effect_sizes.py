@@ -14,7 +14,7 @@ from tests.test_commands import PLANT
 from tsmblocks.blocks import Play, Resonance, Ripple, Stretch
 from tsmblocks.common.errors import ParameterError
 from tsmblocks.diagnosis.candidates import Candidate
-from tsmblocks.diagnosis.insertion_points import InsertionPoint
+from tsmblocks.diagnosis.insertion_point import InsertionPoint
 from tsmblocks.diagnosis.presentation import main_sizes
 from tsmblocks.diagnosis.quantities import Estimate, detectable_size
 from tsmblocks.diagnosis.verdict_text import verdict_sentence

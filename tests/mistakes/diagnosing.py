@@ -44,7 +44,7 @@ def an_effect_at_a_misspelt_place():
 
 @mistake(
     ParameterError,
-    "effect 'louder': there is no place 'sensor'. Known here: across, balance, brake, branch, deflection, drive, input, load, … (13 in all).",
+    "effect 'louder': there is no place 'sensor'. Known here: across, balance, brake, branch, deflection, drive, element, input, … (14 in all).",
 )
 def an_effect_at_an_unknown_place():
     effect(place="sensor")

@@ -15,7 +15,8 @@ from tsmblocks.common.interpolation import ORDERS
 from tsmblocks.common.interrupt import checkpoint
 from tsmblocks.common.tables import unique_names
 from tsmblocks.common.units import is_one_of, parse
-from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_no_motion, is_not_mechanical, is_speed
+from tsmblocks.diagnosis.insertion_point import InsertionPoint
+from tsmblocks.diagnosis.insertion_points import is_no_motion, is_not_mechanical, is_speed
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.replacements import ReplacementPoint, replacements

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-import attrs
-
-from tsmblocks.blocks import Bias, Gain, Sum
+from tsmblocks.blocks import Gain, Sum, ViscousFriction
 from tsmblocks.common.units import is_one_of, parse
 from tsmblocks.diagnosis.control_loops import control_loops, in_front, is_deflection
 from tsmblocks.diagnosis.direction import moves_backwards
+from tsmblocks.diagnosis.insertion_point import InsertionPoint
 from tsmblocks.diagnosis.signal_paths import (
     FORCE_TO_POSITION,
     blocks_behind,
@@ -20,7 +19,6 @@ from tsmblocks.diagnosis.signal_paths import (
     upstream_ports,
 )
 from tsmblocks.effects import Effect
-from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.wires import Fault, resolve
 
@@ -35,74 +33,6 @@ NOT_MECHANICAL = {parse(unit).dimension for unit in ("Pa", "K", "degC", "A", "W"
 NO_MOTIONS = NOT_MECHANICAL | {parse(unit).dimension for unit in ("N", "N*m")}
 """Dimensions of signals that are no motions, so that nothing rubs, springs or ripples along them. Voltages are not
 among them: sensors of motions have them."""
-
-
-@attrs.frozen
-class InsertionPoint:
-    """A wire on which a block may be inserted.
-
-    ``before`` is the port, or ports with commas, ``after`` the signal or input of the diagram that is cut (one of both
-    is empty). ``signal`` names the signal of the wire, ``other`` a second signal or input that a block there may read,
-    and ``output`` the measured output it leads to. ``opposite`` is True where the wire moves ``other`` backwards.
-    """
-
-    place: str
-    output: str
-    signal: str
-    other: str = ""
-    after: str = ""
-    before: str = ""
-    opposite: bool = False
-    adds: Callable[[Diagram, str], Diagram] | None = None
-
-    def put(self, diagram: Diagram, name: str, block: Block | Diagram) -> Diagram:
-        """The diagram with ``block`` on this wire under ``name``."""
-        wires = self._wires(name, block)
-        if _has_several_outputs(block):  # insert takes blocks of one output, so a placeholder first
-            edited = diagram.insert(name, Bias(), after=self.after, before=self.before)
-            edited = edited.rewire(blocks={**edited.blocks, name: block}, add=wires)
-        else:
-            edited = diagram.insert(name, block, after=self.after, before=self.before, wires=wires)
-        return edited if self.adds is None else self.adds(edited, name)
-
-    def code(self, name: str, block: Block | Diagram) -> str:
-        """The edit of ``put`` as an expression of a script, with ``…`` for the block."""
-        place = f"before={self.before!r}" if self.before else f"after={self.after!r}"
-        wires = self._wires(name, block)
-        if _has_several_outputs(block):
-            added = f", add={wires!r}" if wires else ""
-            edited = (
-                f"diagram.insert({name!r}, Bias(), {place}).rewire(blocks={{**diagram.blocks, {name!r}: …}}{added})"
-            )
-        else:
-            edited = f"diagram.insert({name!r}, …, {place}{f', wires={wires!r}' if wires else ''})"
-        return edited if self.adds is None else f"{getattr(self.adds, '__name__', 'adds')}({edited}, {name!r})"
-
-    def _wires(self, name: str, block: Block | Diagram) -> list[str]:
-        return [f"{self.other} -> {name}.x"] if "x" in block.inports else []
-
-    @property
-    def edit(self) -> tuple[object, ...]:
-        """The key of the wire, and of the signals that a block there changes."""
-        return self.place, self.after, self.before, self.other, self.adds
-
-    def is_in(self, diagram: Diagram) -> bool:
-        """Whether it is on a wire of a diagram, and not beside a block that this one does not have."""
-        ends = [end.rpartition(".")[0] for end in (self.signal, *self.before.split(", ")) if "." in end]
-        return all(block.partition(".")[0] in diagram.blocks for block in ends)
-
-    def words(self, diagram: Diagram) -> str:
-        """The wire in wire notation, as it was before."""
-        if self.before:
-            return f"{self.signal} -> {self.before}"
-        ends = [".".join(e) for e in diagram.inlets.get(self.after, ())]
-        ends += [".".join(x.target) for x in diagram.links if ".".join(x.source) == self.after]
-        ends += [k for k, end in diagram.shown.items() if ".".join(filter(None, end)) == self.after]
-        return f"{self.signal} -> {', '.join(dict.fromkeys(ends))}"
-
-
-def _has_several_outputs(block: Block | Diagram) -> bool:
-    return "y" in block.outports and len(block.outports) > 1
 
 
 def insertion_points(
@@ -146,20 +76,31 @@ def insertion_points(
         found += _in_the_control_loop(diagram, name, source, named)
         if is_no_motion(unit) or is_one_of(unit, LEVEL_DIMENSIONS):
             found += _of_a_level(diagram, name, source, drive, named, unit)
+        found += _at_elements(diagram, name, source, named, "element", (Gain, ViscousFriction))
         inside = list(_inside_the_transmission(diagram, name, source))
         found += [*inside, *_along_a_deflection(diagram, name, drive, inside)]
-    loads = {point.before for point in found if point.place == "load"}
-    found = [point for point in found if point.place != "brake" or point.before not in loads]
-    drives = {point.signal for point in found if point.place == "drive"}
-    found = [point for point in found if point.place not in ("output", "across") or point.signal not in drives]
     found += [InsertionPoint("input", outputs[0], k, after=k) for k in diagram.inputs if diagram.inlets[k]]
     found += _branches(diagram, outputs[0])
+    found = _without_doubles(found)
     own = (own_insertion_point(diagram, outputs[0], effect) for effect in effects if effect.receiver)
     found += [point for point in own if point is not None]
     unique: dict[object, InsertionPoint] = {}
     for point in found:
         unique.setdefault(point.edit, point)
     return list(unique.values())
+
+
+def _without_doubles(points: Sequence[InsertionPoint]) -> list[InsertionPoint]:
+    """The points without those at which another place has the same wire."""
+    loads, branches = ({point.before for point in points if point.place == place} for place in ("load", "branch"))
+    drives = {point.signal for point in points if point.place == "drive"}
+    taken = {"brake": loads, "element": branches}
+    return [
+        point
+        for point in points
+        if point.before not in taken.get(point.place, ())
+        and not (point.place in ("output", "across") and point.signal in drives)
+    ]
 
 
 def _against_motion(place: str, output: str, diagram: Diagram, port: str, moved: str) -> InsertionPoint:
@@ -223,15 +164,20 @@ def _is_balance(diagram: Diagram, point: InsertionPoint) -> bool:
     return integration_count(diagram, point.signal, before=point.before, after="") == FORCE_TO_POSITION - 1
 
 
-def _at_elements(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
-    """Wires to what makes a flow of a level and takes it from a balance, as a loss does; no controller."""
+def _at_elements(
+    diagram: Diagram, name: str, source: str, named: Collection[str], place: str, kinds: tuple[type, ...]
+) -> Iterator[InsertionPoint]:
+    """Wires to what makes a flow of a level, or a force of a motion, and takes it from a balance; no controller.
+
+    A loss does so, a spring, or a viscous friction: blocks of some ``kinds``.
+    """
     control = {port for loop in control_loops(diagram, source, named) for port in (loop.fed_back, *loop.commands)}
     for port in upstream_ports(diagram, diagram.shown[name][0]):
         head, signal = port.partition(".")[0], source_of(diagram, port)
         balanced = any(isinstance(diagram.blocks[x.target[0]], Sum) for x in diagram.links if x.source[0] == head)
-        element = balanced and isinstance(diagram.blocks[head], Gain) and head in blocks_behind(diagram, head)
+        element = balanced and isinstance(diagram.blocks[head], kinds) and head in blocks_behind(diagram, head)
         if element and port not in control and signal not in (source, *diagram.inputs):
-            yield InsertionPoint("branch", name, signal, before=port)
+            yield InsertionPoint(place, name, signal, before=port)
 
 
 def _in_the_control_loop(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
@@ -338,9 +284,12 @@ def _of_a_level(
     """
     port = driving_port(diagram, name, 1)
     signal = source_of(diagram, port) if port else source
-    if port != drive and signal not in (source, *diagram.inputs):
-        yield InsertionPoint("balance", name, signal, before=port)
-    for point in (*_acting_back(diagram, name, source, named), *_at_elements(diagram, name, source, named)):
+    filled = InsertionPoint("balance", name, signal, before=port)
+    inside = port != drive and signal not in (source, *diagram.inputs)
+    if inside and (is_no_motion(unit) or _is_balance(diagram, filled)):
+        yield filled
+    elements = _at_elements(diagram, name, source, named, "branch", (Gain,))
+    for point in (*_acting_back(diagram, name, source, named), *elements):
         # what a motion acts back with is a load, or in the deflection of a spring
         if is_no_motion(unit) or _is_balance(diagram, point):
             yield point

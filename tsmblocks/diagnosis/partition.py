@@ -9,7 +9,8 @@ import attrs
 import numpy as np
 
 from tsmblocks.data import Record
-from tsmblocks.diagnosis.insertion_points import InsertionPoint, is_speed, positions_of
+from tsmblocks.diagnosis.insertion_point import InsertionPoint
+from tsmblocks.diagnosis.insertion_points import is_speed, positions_of
 from tsmblocks.diagnosis.model import Model, ModelSettings, pose_model
 from tsmblocks.fitting.experiments import Window
 from tsmblocks.fitting.parameters import named_by

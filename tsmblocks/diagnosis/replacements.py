@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 
 from tsmblocks.common.errors import TsmError
-from tsmblocks.diagnosis.insertion_points import InsertionPoint
+from tsmblocks.diagnosis.insertion_point import InsertionPoint
 from tsmblocks.diagnosis.signal_paths import source_of
 from tsmblocks.effects import REPLACED, Relative, Replacement, Scales, replacement
 from tsmblocks.effects.relatives_friction import RATE_BLOCK

@@ -29,6 +29,8 @@ from tsmblocks.fitting.inner_products import square
 
 DEFLECTION = "deflection"
 """The place of effects in the deflection of a spring."""
+ELEMENT = "element"
+"""The place of changes of a stiffness or a friction."""
 BADLY_PREDICTED = (REPLACED, DEFLECTION)
 """Places of effects of which screening predicts little: they act with a spring that was fitted without them."""
 MIN_FITTED_CANDIDATES = 3
@@ -112,11 +114,14 @@ def worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: Search
     """The best candidates, by what exceeds noise: a few in any case, more where their score is near the best.
 
     Replacements and effects in the deflection of a spring are chosen in addition: what they reach, with a spring that
-    was fitted without them, is far from what their score says.
+    was fitted without them, is far from what their score says. So are a few changes of an element: what swings for long
+    is soon out of step, which a first order does not see.
     """
     best = scores[0].gain if scores else 0.0
     least = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
-    some = various(sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain))[:MAX_FITTED_CANDIDATES]
+    ordered = sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain)
+    of_elements = [one for one in ordered if one.candidate.effect.place == ELEMENT][:MAX_FITTED_VARIANTS]
+    some = [*various(ordered)[:MAX_FITTED_CANDIDATES], *of_elements]
     chosen = [one for one in scores if one in some or one.candidate.effect.place in BADLY_PREDICTED]
     enough = [score.gain > (0.0 if score.candidate.effect.place == DEFLECTION else least) for score in chosen]
     return [score for k, score in enumerate(chosen) if k < MIN_FITTED_CANDIDATES or enough[k]]

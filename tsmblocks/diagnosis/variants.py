@@ -12,6 +12,7 @@ VARIANT_WORDS = {
     "input": "in front of the model",
     "branch": "in one of the branches that an input drives, or behind a sensor",
     "mode": "driven as the model is, and added to its output",
+    "element": "of a gain or a viscous friction inside the model",
     "loop": "inside the control loop",
     "output": "at the output of the model",
     "by the input": "on the output, driven by the input",

@@ -29,6 +29,7 @@ PLACES = (
     "deflection",
     "parallel",
     "branch",
+    "element",
     "loop",
     "mode",
 )
@@ -43,10 +44,11 @@ motion is a speed, by its unit. ``across``: on the wire of an output, and its in
 difference of two positions that the force there moves, as that of a spring. ``parallel``: as ``across``, where the
 input reaches the output through a lag or an integrator. ``branch``: on the wire from an input to one of several blocks
 that it drives, or behind that branch, where it enters a sum, or from a measured signal to the blocks that it drives,
-behind its sensor. ``loop``: on a wire of a control loop: the control error, the command, or what is fed back. ``mode``:
-as ``across``, where what it reads drives the output through one or two integrations or lags: a force, a voltage. An
-effect made for one diagram names its wire instead, ``"pump -> tank.inflow"``; it is inserted in diagrams that have this
-port.
+behind its sensor. ``element``: on the wire into a gain or a viscous friction that makes a force, or a flow, of what the
+model moves: a spring, a damper, a weight. ``loop``: on a wire of a control loop: the control error, the command, or
+what is fed back. ``mode``: as ``across``, where what it reads drives the output through one or two integrations or
+lags: a force, a voltage. An effect made for one diagram names its wire instead, ``"pump -> tank.inflow"``; it is
+inserted in diagrams that have this port.
 """
 QUANTITIES = {
     parse(unit).dimension: kind

@@ -13,7 +13,7 @@ from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.friction import CHANGES
 from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials, instant_trials, interval_trials
-from tsmblocks.effects.variants import across, in_front, on_branch, separate
+from tsmblocks.effects.variants import across, in_front, of_element, on_branch, separate
 
 NO_LIMIT = 1e12
 """A rate that no signal reaches. Chosen: finite, since an infinite rate times a step of zero is NaN."""
@@ -172,7 +172,7 @@ LOAD_STEP = attrs.evolve(
     variant="drive",
 )
 FLOW_STEP = attrs.evolve(
-    LOAD_STEP, words="a flow that begins, or ends", other_words={}, place="balance", variant="balance"
+    LOAD_STEP, words="a flow (or a force) that begins, or ends", other_words={}, place="balance", variant="balance"
 )
 TEMPORARY_OFFSET = attrs.evolve(
     JUMP,
@@ -185,7 +185,7 @@ TEMPORARY_OFFSET = attrs.evolve(
 )
 TEMPORARY_LOAD = attrs.evolve(TEMPORARY_OFFSET, words="a load for a time", place="drive", variant="drive, temporary")
 TEMPORARY_FLOW = attrs.evolve(
-    TEMPORARY_OFFSET, words="a further flow for a time", place="balance", variant="balance, temporary"
+    TEMPORARY_OFFSET, words="a further flow (or force) for a time", place="balance", variant="balance, temporary"
 )
 GAIN_CHANGE = Effect(
     "parameter_change",
@@ -332,6 +332,11 @@ EFFECTS = (
     separate(GAIN_CHANGE_OF_DRIVE, "time"),
     on_branch(GAIN_CHANGE),
     separate(on_branch(GAIN_CHANGE), "time"),
+    of_element(GAIN_CHANGE),
+    separate(of_element(GAIN_CHANGE), "time"),
+    of_element(GAIN_DRIFT),
+    separate(of_element(GAIN_DRIFT)),
+    of_element(GAIN_SETTLING),
     GAIN_DRIFT,
     separate(GAIN_DRIFT),
     attrs.evolve(in_front(GAIN_DRIFT), variant="input, drift"),

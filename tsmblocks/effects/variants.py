@@ -60,6 +60,13 @@ def on_branch(effect: Effect) -> Effect:
     return attrs.evolve(effect, place="branch", variant=variant)
 
 
+def of_element(effect: Effect) -> Effect:
+    """The variant of a change of a gain that is one of an element: of a stiffness, a friction, a weight."""
+    words = effect.words.replace("a gain", "an element").replace("the gain", "an element")
+    variant = ", ".join(("element", effect.variant))
+    return attrs.evolve(effect, words=f"{words} (a stiffness, a friction)", place="element", variant=variant)
+
+
 def on_loop(effect: Effect) -> Effect:
     """The variant of an effect that acts inside a control loop."""
     words = f"{effect.words} inside the control loop"

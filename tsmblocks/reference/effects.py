@@ -14,7 +14,8 @@ from tsmblocks.blocks import MultiSine
 from tsmblocks.common.errors import TsmError
 from tsmblocks.common.tables import listed, unique_names
 from tsmblocks.diagnosis.candidates import unit_of_signal, whole_turn
-from tsmblocks.diagnosis.insertion_points import InsertionPoint, insertion_points
+from tsmblocks.diagnosis.insertion_point import InsertionPoint
+from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.diagnosis.variants import VARIANT_WORDS, parts_of
 from tsmblocks.effects import Effect, Scales, Trials, span_of
@@ -34,6 +35,7 @@ PLACES = {
     "input": "on the wire of a measured input, in front of the model",
     "loop": "inside a control loop: on the control error, on the command, or on what is fed back",
     "balance": "on the wire that fills a measured level or heats a measured part: one integration before it",
+    "element": "on the wire into a gain or a viscous friction inside the model, such as a spring or a damper",
     "branch": "on the wire from a measured input to one of several blocks, from there to a sum, or behind a sensor",
     "across": "on the wire of a measured output, where it reads the input as well",
     "mode": "on the wire of a measured output, where it reads the force or voltage that drives it",
@@ -70,6 +72,7 @@ PLANTS = {
     "transmission": "belt_drive",
     "deflection": "flexible_joint",
     "balance": "two_tanks",
+    "element": "flexible_joint",
 }
 """Shipped diagrams into which the pages insert effects, by place: those on signals where no other is given."""
 SPEED = {"v": "motor.v"}
