@@ -98,6 +98,35 @@ def test_the_weight_of_a_link_is_no_spring():
     assert one.sizes["angle of the largest pull"].value == pytest.approx(30.0, abs=5.0)
 
 
+@pytest.mark.parametrize("kind", ["softens at once", "warms up", "stays"])
+def test_a_spring_that_changes(kind):
+    """A change of an element inside the model, which no change of the command or of the output imitates."""
+    softer = {
+        "softens at once": lambda s: 1 - 0.06 * (s > 5.0),
+        "warms up": lambda s: 1 - 0.06 * (1 - np.exp(-s / 3.0)),
+        "stays": lambda s: 1.0,
+    }[kind]
+
+    def rates(s, x):
+        q, v = x
+        return [v, 700.0 * softer(s) * (command(s) - q) - 8.0 * v]
+
+    t = np.arange(0.0, 12.0, 0.01)
+    done = solve_ivp(rates, (0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-9, max_step=0.01)
+    q = done.y[0] + 0.02 * np.random.default_rng(7).standard_normal(len(t))
+    record = tsm.Record("swing", t, {"cmd": command(t), "q": q}, {"cmd": "deg", "q": "deg"})
+    found = tsm.diagnose(tsm.loads(LINK), record, effects=RIVALS)
+    if kind == "stays":
+        assert found.verdict == "none"
+        return
+    (one,) = found.effects
+    assert one.name == "parameter_change"
+    assert "twist.y -> spring.u" in (one.wire, *one.other_places)  # behind the spring it acts much alike
+    assert one.sizes["change of the gain"].value == pytest.approx(-6.0, abs=0.5)
+    of_time = {"softens at once": ("time", 5.0), "warms up": ("time constant", 3.0)}[kind]
+    assert one.sizes[of_time[0]].value == pytest.approx(of_time[1], rel=0.2)
+
+
 LINK = """
 format = 1
 title = "link on a spring"

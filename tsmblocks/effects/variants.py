@@ -62,9 +62,10 @@ def on_branch(effect: Effect) -> Effect:
 
 def of_element(effect: Effect) -> Effect:
     """The variant of a change of a gain that is one of an element: of a stiffness, a friction, a weight."""
-    words = effect.words.replace("a gain", "an element").replace("the gain", "an element")
-    variant = ", ".join(("element", effect.variant))
-    return attrs.evolve(effect, words=f"{words} (a stiffness, a friction)", place="element", variant=variant)
+    words = effect.words
+    for gain in ("a gain", "the gain"):
+        words = words.replace(gain, "a stiffness or a friction")
+    return attrs.evolve(effect, words=words, place="element", variant=f"element, {effect.variant}")
 
 
 def on_loop(effect: Effect) -> Effect:
