@@ -53,7 +53,7 @@ def to_digits(value: float, digits: int = 2) -> str:
 
 
 def to_digits_below(value: float, digits: int = 2) -> str:
-    """A positive number in so many digits, rounded down: what is told as a largest value must hold."""
+    """A positive number in so many digits, rounded down: what is given as a largest value must hold."""
     if not 0 < value < math.inf:
         return to_digits(value, digits)
     unit = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
