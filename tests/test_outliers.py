@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import attrs
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from scipy.signal import lfilter
 import tsmblocks as tsm
 from tests.test_evidence import DEG, SIGMA, STEP, motion
 from tsmblocks.blocks import Bias, Gain, SecondOrderLag
-from tsmblocks.diagnosis.outliers import isolated_outliers, share_of_outliers, without_outliers
+from tsmblocks.diagnosis.outliers import isolated_outliers, outlier_notes, share_of_outliers, without_outliers
 from tsmblocks.model.diagram import Diagram
 
 SLOW_NEEDS = ["diagnosis", "data"]
@@ -57,6 +59,22 @@ def test_single_wrong_readings_are_isolated_and_bursts_are_not():
 def test_a_constant_has_no_outliers():
     assert share_of_outliers([np.ones(50)]) == 0.0
     assert share_of_outliers([np.zeros(50)]) == 0.0
+
+
+def test_readings_a_quantum_apart_are_no_outliers():
+    """Of noise that is half a quantum most readings are the same: those beside them were called wrong."""
+    draw, quantum = np.random.default_rng(2), 0.1
+    small = 0.05 * quantum * np.sin(0.1 * np.arange(4000))
+    r = quantum * np.round(0.5 * draw.standard_normal(4000)) - small
+    assert isolated_outliers(r).mean() > 0.05
+    assert not isolated_outliers(r, 3 * quantum).any()
+    run = SimpleNamespace(measured=(r + small)[:, None], t=0.01 * np.arange(4000), name="run")
+    problem = SimpleNamespace(segments=[slice(0, 4000)], weights=[10.0])
+    model = SimpleNamespace(setup=SimpleNamespace(outputs=["y"], experiments=[run]), problem=problem, r=10.0 * r)
+    assert outlier_notes(model) == []
+    run.measured = run.measured + 1e-3 * draw.standard_normal((4000, 1))  # read in finer steps, it has outliers
+    (note,) = outlier_notes(model)
+    assert "of y" in note
 
 
 def test_wrong_readings_are_no_model_error():

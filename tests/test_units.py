@@ -8,6 +8,7 @@ import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Integrator
 from tsmblocks.common import units
 from tsmblocks.common.units import UnitError, factor, parse, same, split_heading, times
+from tsmblocks.model.unit_inference import unit_label
 
 
 @pytest.mark.parametrize(
@@ -124,3 +125,18 @@ def test_a_number_in_round_brackets_is_that_of_a_motor():
 def test_other_digits_are_no_powers(label):
     with pytest.raises(UnitError):
         parse(label)
+
+
+@pytest.mark.parametrize("written", ["l/(min*s)", "m^3/(h*s)", "l/(min*s*bar)", "kN*mm/(min*h)", "in*lbf/ft"])
+def test_the_label_of_an_inferred_unit_can_be_read_again(written):
+    """A flow in l/min behind an integrator stopped a diagnosis: the inferred label had a factor that no one read."""
+    unit = parse(written)
+    again = parse(unit_label(unit))
+    assert again.dimension == unit.dimension
+    assert again.factor == pytest.approx(unit.factor, rel=1e-12)
+    assert parse(times(unit_label(unit), "s")).factor == pytest.approx(unit.factor, rel=1e-12)
+
+
+def test_a_rate_of_a_flow_has_a_readable_label():
+    assert unit_label(parse("l/(min*s)")) == "l/(min*s)"
+    assert parse("0.0254*m^2").factor == pytest.approx(0.0254)

@@ -137,6 +137,7 @@ class UnitError(TsmError):
 def parse(label: str) -> Unit:
     """Parse ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``, ``m/(m/s^2)``. Raises UnitError with the near miss.
 
+    A number in front is a factor, as an inferred unit without a name of its own has one: ``0.0254*m^2``.
     ``N/m*s`` is refused, since it can mean ``N/(m*s)`` and ``N*s/m``.
     """
     if not isinstance(label, str):
@@ -147,6 +148,9 @@ def parse(label: str) -> Unit:
 @cache
 def _parsed(label: str) -> Unit:
     """As ``parse``, of a text."""
+    if scaled := re.fullmatch(r"(\d+(?:\.\d+)?(?:e[-+]?\d+)?)\*(.+)", label):
+        unit = parse(scaled[2])
+        return Unit(float(scaled[1]) * unit.factor, unit.dimension)
     factor, powers = 1.0, dict[str, int]()
     for word, sign in _words(label):
         name, power = _name_and_power(word)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tsmblocks.data.quantization import quantum_of
 from tsmblocks.data.table import plural
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.fitting.inner_products import square
@@ -16,16 +17,21 @@ MIN_SHARE = 0.1
 """Share of the sum of squares from which outliers are reported. Chosen: less hardly changes a residual's rms."""
 
 
-def without_outliers(r: np.ndarray) -> np.ndarray:
-    """A residual (n,) with what is farther out moved to the farthest distance that is no outlier."""
+MIN_QUANTA = 3.0
+"""Distance of an outlier of a quantised output [quanta], at least. Chosen: where its noise is smaller than a quantum,
+most readings are the same, and their median distance is none of the noise."""
+
+
+def without_outliers(r: np.ndarray, least: float = 0.0) -> np.ndarray:
+    """A residual (n,) with what is farther out moved to the farthest distance of no outlier, ``least`` at least."""
     middle = np.median(r)
-    most = FARTHEST * np.median(np.abs(r - middle))
+    most = max(FARTHEST * np.median(np.abs(r - middle)), least)
     return np.clip(r, middle - most, middle + most) if most > 0 else r
 
 
-def isolated_outliers(r: np.ndarray) -> np.ndarray:
+def isolated_outliers(r: np.ndarray, least: float = 0.0) -> np.ndarray:
     """Which samples of a residual (n,) are outliers between two that are none; bursts of noise are longer."""
-    out = without_outliers(r) != r
+    out = without_outliers(r, least) != r
     beside = np.concatenate([[False], out, [False]])
     return out & ~beside[:-2] & ~beside[2:]
 
@@ -38,7 +44,7 @@ def outlier_notes(model: Model) -> list[str]:
         parts, share = [model.r[rows] for _, rows in own], reported_share(model, k)
         if not share:
             continue
-        where = [isolated_outliers(r) for r in parts]
+        where = [isolated_outliers(r, _least(model, k)) for r in parts]
         count, samples = sum(int(at.sum()) for at in where), sum(len(r) for r in parts)
         most = int(np.argmax([np.abs(r[at]).max(initial=0.0) for r, at in zip(parts, where, strict=True)]))
         largest = int(np.argmax(np.where(where[most], np.abs(parts[most]), 0.0)))
@@ -53,11 +59,18 @@ def outlier_notes(model: Model) -> list[str]:
 
 def reported_share(model: Model, k: int) -> float:
     """Share of the mean square of the residual of output ``k`` that outliers hold; 0 where that is little."""
-    share = share_of_outliers([model.r[rows] for rows in model.problem.segments[k :: len(model.setup.outputs)]])
+    parts = [model.r[rows] for rows in model.problem.segments[k :: len(model.setup.outputs)]]
+    share = share_of_outliers(parts, _least(model, k))
     return share if share >= MIN_SHARE else 0.0
 
 
-def share_of_outliers(parts: Sequence[np.ndarray]) -> float:
+def _least(model: Model, k: int) -> float:
+    """The distance of an outlier of output ``k``, at least [noise rms]: some quanta of its readings."""
+    quanta = [quantum_of(one.measured[:, k]) or 0.0 for one in model.setup.experiments]
+    return MIN_QUANTA * min(quanta) * float(model.problem.weights[k])
+
+
+def share_of_outliers(parts: Sequence[np.ndarray], least: float = 0.0) -> float:
     """Share of the sum of squares of some residuals that isolated outliers hold."""
-    held = sum(square(r[isolated_outliers(r)]) for r in parts)
+    held = sum(square(r[isolated_outliers(r, least)]) for r in parts)
     return held / max(sum(square(r) for r in parts), 1e-300)

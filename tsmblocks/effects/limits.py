@@ -45,7 +45,7 @@ def _cut_off(end: str, p: Mapping[str, float], scales: Scales) -> float:
 
 
 SLOPES_LOST = tuple(
-    Size(f"slope lost at the {end} end", functools.partial(_slope_lost, side), "%")
+    Size(f"slope lost towards the {end} end", functools.partial(_slope_lost, side), "%")
     for end, side in (("upper", 1.0), ("lower", -1.0))
 )
 """How far a soft saturation bends at the ends of the range."""

@@ -266,14 +266,18 @@ def _advice(a: str, b: str) -> str:
     return f"Put Convert(source_unit='{a}', target_unit='{b}') between them, or correct the unit of one port."
 
 
+THEN = ("", "/s", "/s^2", "*s", "/min", "/h", "*s/min", "*s/h", "/(min*s)", "/(h*s)")
+"""What a readable label of an inferred unit may have behind a name: rates, and rates of flows."""
+
+
 def unit_label(unit: units.Unit) -> str:
     """A readable label of an inferred unit."""
     for label in READABLE_LABELS:
         if _equal(units.parse(label), unit):
             return label
-    for then in ("", "/s", "/s^2", "*s", "/min", "/h", "*s/min", "*s/h"):  # watts are not newton metres in a second
+    for then in THEN:  # watts are not newton metres in a second
         for label in (f"{name}{then}" for name in units.NAMES):
             if _equal(units.parse(label), unit):
                 return label
     power = "*".join(k if n == 1 else f"{k}^{n}" for k, n in unit.dimension) or "1"
-    return power if abs(unit.factor - 1) < 1e-12 else f"{unit.factor:g}*{power}"
+    return power if abs(unit.factor - 1) < 1e-12 else f"{unit.factor:.15g}*{power}"
