@@ -68,7 +68,8 @@ def test_readings_a_quantum_apart_are_no_outliers():
     r = quantum * np.round(0.5 * draw.standard_normal(4000)) - small
     assert isolated_outliers(r).mean() > 0.05
     assert not isolated_outliers(r, 3 * quantum).any()
-    run = SimpleNamespace(measured=(r + small)[:, None], t=0.01 * np.arange(4000), name="run")
+    y = r + small + quantum * (np.arange(4000) // 200)
+    run = SimpleNamespace(measured=y[:, None], t=0.01 * np.arange(4000), name="run")
     problem = SimpleNamespace(segments=[slice(0, 4000)], weights=[10.0])
     model = SimpleNamespace(setup=SimpleNamespace(outputs=["y"], experiments=[run]), problem=problem, r=10.0 * r)
     assert outlier_notes(model) == []
