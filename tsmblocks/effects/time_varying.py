@@ -172,7 +172,12 @@ LOAD_STEP = attrs.evolve(
     variant="drive",
 )
 FLOW_STEP = attrs.evolve(
-    LOAD_STEP, words="a flow (or a force) that begins, or ends", other_words={}, place="balance", variant="balance"
+    LOAD_STEP,
+    words="a flow (or a force) that begins, or ends",
+    other_words={},
+    place="balance",
+    separates="the same inputs again, without it",
+    variant="balance",
 )
 TEMPORARY_OFFSET = attrs.evolve(
     JUMP,
@@ -180,6 +185,7 @@ TEMPORARY_OFFSET = attrs.evolve(
     block=blocks.TemporaryOffset(),
     free=("size", *INTERVAL),
     trials=lambda scales: interval_trials(scales, {"size": 0.02 * scales.wire.reach}),
+    separates="the same inputs again: it does not come back",
     variant="temporary",
     sizes=(in_proportion("offset", "size"), *FROM_AND_UNTIL),
 )
