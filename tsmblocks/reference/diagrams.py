@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tsmblocks.blocks import MultiSine
+from tsmblocks.blocks import MultiSine, Sine
 from tsmblocks.common.units import heading
 from tsmblocks.files.shipped import shipped_folder
 from tsmblocks.html.pages import part
@@ -24,8 +24,10 @@ DRIVE = {
 }
 """Source at the input of an open diagram on its page, by unit."""
 STOP, STEP = 20.0, 1e-3
-STEPS = {"sampled_position_loop": 2e-4}
-"""Steps of the runs for which ``STEP`` is too long [s]."""
+STOPS, STEPS = {"two_tanks": 600.0}, {"sampled_position_loop": 2e-4, "two_tanks": 0.05}
+"""Lengths of runs for which ``STOP`` is too short, and steps of those for which ``STEP`` is too long or short [s]."""
+DRIVES = {"two_tanks": Sine(offset=3.0, amplitude=1.0, frequency=0.005, unit="V")}
+"""Sources of diagrams whose input has to stay on one side of zero."""
 PLOTTED = ("x_ref", "x_in", "x_out")
 """Outputs that belong into one chart, where a diagram has them."""
 
@@ -67,11 +69,12 @@ def page(name: str, diagram: Diagram) -> str:
 def _chart(name: str, diagram: Diagram) -> str:
     driven = Diagram(
         title=diagram.title,
-        blocks={"diagram": diagram, **{k: DRIVE[v.unit] for k, v in diagram.inports.items()}},
+        blocks={"diagram": diagram, **{k: DRIVES.get(name, DRIVE[v.unit]) for k, v in diagram.inports.items()}},
         wires=[f"{k} -> diagram.{k}" for k in diagram.inputs],
         outputs={**{k: k for k in diagram.inputs}, **{k: f"diagram.{k}" for k in diagram.outputs}},
     )
-    run = simulate(driven, stop=STOP, step=STEPS.get(name, STEP))
+    stop = STOPS.get(name, STOP)
+    run = simulate(driven, stop=stop, step=STEPS.get(name, STEP))
     names = [k for k in driven.outputs if k in PLOTTED]
     if not set(names) & set(diagram.outputs):
         names = list(driven.outputs)
@@ -82,7 +85,7 @@ def _chart(name: str, diagram: Diagram) -> str:
     x = next(k for k in ("x_in", "x_ref", *names) if k in names)
     y = "x_out" if "x_out" in names else names[-1]
     if x != y:
-        late = run.t >= STOP / 2
+        late = run.t >= stop / 2
         drawn.append(figures.over_another(signals[x][late], signals[y][late], (labels[x], labels[y])))
     return figures.side_by_side(drawn, names)
 

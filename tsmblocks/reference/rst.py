@@ -11,7 +11,7 @@ LEVELS = "=-~^"
 
 def plain(text: str) -> str:
     """A text in which nothing is markup."""
-    return re.sub(r"([\\*`|]|_(?=\W|$)|(?<=\s)_)", r"\\\1", " ".join(text.split()))
+    return re.sub(r"([\\*`|]|_(?=\W|$)|(?<=\s)_|^[-+](?=\s))", r"\\\1", " ".join(text.split()))
 
 
 def words(text: str) -> str:
