@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from functools import cached_property
@@ -61,8 +62,8 @@ class Bench:
     def scales(self) -> Scales:
         """The scales of these signals, as a diagnosis would give them."""
         step = STEP * self.slow
-        wire = span_of([self.waves["u"]], [step])
-        other = span_of([self.waves["x"]], [step]) if "x" in self.waves else wire
+        spans = {name: attrs.evolve(span_of([x], [step]), turn=2 * math.pi) for name, x in self.waves.items()}  # angles
+        wire, other = spans["u"], spans.get("x", spans["u"])
         end, lines = float(self.t[-1]), (0.7 / self.slow, 3.1 / self.slow)
         return Scales(wire, other, 0.0, end, step, end, lines, one_clock=not self.effect.local)
 
