@@ -12,6 +12,7 @@ DERIVATIVES = {
     "motor_linear": ["motor.K", "motor.tau", "motor.speed"],
     "belt_drive": ["motor.K", "motor.tau", "belt.omega", "belt.zeta", "belt.rate"],
     "flexible_joint": ["motor_inverse_inertia.gain", "spring.gain", "weight.gain", "link_angle.integral"],
+    "two_tanks": ["pump.gain", "upper_outlet.gain", "lower_outlet.exponent", "lower.integral"],
     "tendon_sheath_linear": ["gain.gain", "offset.bias"],
     "tendon_sheath_symmetric": ["tsm.beta", "tsm.gamma", "tsm.n", "tsm.A", "tsm.alpha_x"],
     "tendon_sheath_asymmetric": ["tsm.alpha1", "tsm.alpha2", "tsm.A", "tsm.theta", "tsm.delta", "offset.bias"],

@@ -102,6 +102,8 @@ def test_no_linear_block_is_left_out():
         "SensorNoise",
         "Drift",
         "Jump",
+        "SettlingOffset",
+        "TemporaryOffset",
         "Disturbance",
     }
     # held against closed forms in test_engine, test_lateness and test_transmission

@@ -117,7 +117,7 @@ def test_tables_and_limits_of_a_diagnosis_are_in_the_units_of_the_recording(foun
     text = f"{found}\n\n{found.details()}"
     assert "rms of p [bar]" in text
     assert "rms of x [mm]" in text
-    assert re.search(r"drift +total drift [\d.]+ (mm|bar)\n", text)
+    assert re.search(r"drift +(total drift|offset in the end) [\d.]+ (mm|bar)\n", text)
     assert re.search(r"rate_limit +fastest rise below [\d.]+ (mm|bar)/s\n", text)
     results = text.partition("changes from the fitted base model")[0] + found.details().partition("in a script")[0]
     assert not re.search(r"\d (Pa|m)\b", results)
