@@ -137,8 +137,7 @@ class UnitError(TsmError):
 def parse(label: str) -> Unit:
     """Parse ``rad/s``, ``N*m``, ``m/s^2``, ``1/(V*s)``, ``m/(m/s^2)``. Raises UnitError with the near miss.
 
-    A number in front is a factor, as an inferred unit without a name of its own has one: ``0.0254*m^2``.
-    ``N/m*s`` is refused, since it can mean ``N/(m*s)`` and ``N*s/m``.
+    ``N/m*s`` is refused, since it can mean ``N/(m*s)`` and ``N*s/m``. A number in front is a factor: ``0.0254*m^2``.
     """
     if not isinstance(label, str):
         raise UnitError(f"a unit must be text such as 'rad/s', got {in_words(label)}.")
@@ -149,8 +148,7 @@ def parse(label: str) -> Unit:
 def _parsed(label: str) -> Unit:
     """As ``parse``, of a text."""
     if scaled := re.fullmatch(r"(\d+(?:\.\d+)?(?:e[-+]?\d+)?)\*(.+)", label):
-        unit = parse(scaled[2])
-        return Unit(float(scaled[1]) * unit.factor, unit.dimension)
+        return Unit(float(scaled[1]) * parse(scaled[2]).factor, parse(scaled[2]).dimension)
     factor, powers = 1.0, dict[str, int]()
     for word, sign in _words(label):
         name, power = _name_and_power(word)
@@ -303,12 +301,10 @@ PLAIN_FROM, PLAIN_TO = 0.1, 1e4
 def axis_unit(label: str, size: float) -> tuple[float, str]:
     """Factor and unit for an axis whose largest magnitude is ``size``: as displayed, with an SI prefix where it helps.
 
-    Units that have a prefix already, powers and quotients with such a numerator keep it; of seconds there are no
-    thousands.
+    Units that have a prefix already, powers and quotients with such a numerator keep it; seconds have no thousands.
     """
     k, wanted = display_unit(label)
-    first = re.match(r"[A-Za-z]*", wanted)
-    word = first[0] if first else ""
+    word = re.split(r"[^A-Za-z]", wanted, maxsplit=1)[0]
     size = abs(k * size)
     plain_size = size == 0 or not math.isfinite(size) or PLAIN_FROM <= size < PLAIN_TO
     if plain_size or word not in PREFIXED or wanted[len(word) :].startswith(("^", "²", "**")):
