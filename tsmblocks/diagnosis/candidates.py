@@ -179,12 +179,13 @@ def wire_signals(model: Model, points: Sequence[InsertionPoint]) -> WireSignals:
     return WireSignals(signals, steps, units, session, measured_ranges(model))
 
 
-def with_scales_in(model: Model, candidate: Candidate) -> Candidate:
-    """The candidate with the scales of its signals in a model that has it.
+def with_scales_in(model: Model, some: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates with the scales of their signals in a model that has them all.
 
-    Without it a signal in front of an output has the range of the measurement: a bent sensor shows another one.
+    Without them a signal in front of an output has the range of the measurement: a bent sensor shows another one.
     """
-    return attrs.evolve(candidate, scales=wire_signals(model, [candidate.point]).scales(candidate.point))
+    wires = wire_signals(model, [one.point for one in some])
+    return [attrs.evolve(one, scales=wires.scales(one.point)) for one in some]
 
 
 def measured_ranges(model: Model) -> dict[str, tuple[float, float]]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import attrs
 import numpy as np
 
-from tsmblocks.diagnosis.candidates import with_scales_in
+from tsmblocks.diagnosis.candidates import Candidate, with_scales_in
 from tsmblocks.diagnosis.cross_validation import held_out_residuals
 from tsmblocks.diagnosis.decision import mean_loss, ridge_weights, shrinkage_of
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
@@ -117,15 +117,20 @@ def _effects(diagnosed: DiagnosedPart, losses: Sequence[float], whole_diagram: D
     if not diagnosed.count:
         return ()
     estimate = Estimate.of(diagnosed.models)
-    return tuple(_named(diagnosed, k, losses, whole_diagram, estimate) for k in range(diagnosed.count))
+    final = with_scales_in(diagnosed.models[-1], [one.candidate for one in diagnosed.named])
+    return tuple(_named(diagnosed, k, one, losses, whole_diagram, estimate) for k, one in enumerate(final))
 
 
 def _named(
-    diagnosed: DiagnosedPart, k: int, losses: Sequence[float], whole_diagram: Diagram, estimate: Estimate
+    diagnosed: DiagnosedPart,
+    k: int,
+    candidate: Candidate,
+    losses: Sequence[float],
+    whole_diagram: Diagram,
+    estimate: Estimate,
 ) -> NamedEffect:
-    """One effect, with its parameters and sizes in the final model."""
+    """Effect ``k``, with its parameters and sizes in the final model, in which ``candidate`` has its scales."""
     indistinguishable = diagnosed.rounds[k].indistinguishable
-    candidate = with_scales_in(diagnosed.models[-1], diagnosed.named[k].candidate)
     effect, point = candidate.effect, in_whole_diagram(candidate.point, diagnosed.part)
     across = None
     if diagnosed.has_several_experiments and not effect.local:

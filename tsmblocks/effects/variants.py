@@ -75,7 +75,7 @@ def on_loop(effect: Effect) -> Effect:
 
 
 def separate(effect: Effect, *instants: str, words: str = "") -> Effect:
-    """The variant with one size for each recording, at ``instants`` of its own, where recordings share no clock."""
+    """The variant with a separate size, and separate ``instants``, for each of several recordings without one clock."""
     return attrs.evolve(
         effect,
         words=words or effect.words,

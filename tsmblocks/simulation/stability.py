@@ -72,7 +72,7 @@ def fast_poles(runs: Sequence[RunStart], rule: Method, h: float) -> str:
     if not growing:
         return ""
     (pole, state, _), worst = max(growing, key=lambda one: abs(one[0].pole))
-    longest = min(found.longest_step for found, _ in growing)
+    longest = min(_longest_step(found.poles, rule, h) for found, _ in growing)
     which = f" {concerned(len(checked), len(growing), worst.label)}" if worst.label else ""
     return (
         f"diagram '{worst.eq.title}': the step of {h:g} s is too long for the fastest pole "
@@ -119,11 +119,11 @@ def set_text(numbers: Mapping[str, Any]) -> str:
 
 
 class GrowingPole(NamedTuple):
-    """A decaying pole that grows under a method, its state, and the longest step [s] at which no such pole does."""
+    """The fastest decaying pole that grows under a method, its state, and all ``poles`` of the equations."""
 
     pole: complex
     state: str
-    longest_step: float
+    poles: np.ndarray
 
 
 def fastest_growing_pole(run: RunStart, rule: Method, h: float) -> GrowingPole | None:
@@ -144,7 +144,7 @@ def _growing_pole(eq: Equations, rule: Method, h: float, start: float, *bits: by
     if len(eq.x) > MOST_STATES:
         values = a.astype(complex)
         worst = _fastest_growing(values, rule, h)
-        return None if worst is None else GrowingPole(values[worst], eq.x[worst], _longest_step(values, rule, h))
+        return None if worst is None else GrowingPole(values[worst], eq.x[worst], values)
     if not np.isfinite(a).all():
         return None  # the run reports what is not finite, and where
     if _fastest_growing(np.linalg.eigvals(a), rule, h) is None:
@@ -153,7 +153,7 @@ def _growing_pole(eq: Equations, rule: Method, h: float, start: float, *bits: by
     worst = _fastest_growing(values, rule, h)
     if worst is None:
         return None
-    return GrowingPole(values[worst], _state_of(eq, vectors[:, worst]), _longest_step(values, rule, h))
+    return GrowingPole(values[worst], _state_of(eq, vectors[:, worst]), values)
 
 
 def _growing(values: np.ndarray, rule: Method, h: float) -> np.ndarray:
