@@ -163,7 +163,7 @@ class TemporaryOffset(Block):
     """
 
     source = "definition; two steps rounded over a short time, so that their instants can be fitted"
-    symbol = "for a time"
+    symbol = "temporary"
 
     size: float = parameter(default=0.0, about="value added from one instant to the other", unit="?u")
     time: float = parameter(default=1.0, about="instant t0 at which it begins", unit="s")

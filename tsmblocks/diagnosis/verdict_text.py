@@ -157,7 +157,7 @@ def verdict_word(segment: Segment) -> str:
 
 
 def _leaves_unexplained(segment: Segment) -> bool:
-    """Whether the residual with the named effects is far above the noise floor, and indistinguishable from slow noise."""
+    """Whether the residual with the named effects is far above the noise floor and may be slow noise."""
     gap = most_reduced(segment)
     if gap.given or _outliers(gap) or _cause_at_inputs(segment):
         return False

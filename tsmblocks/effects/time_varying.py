@@ -181,7 +181,7 @@ FLOW_STEP = attrs.evolve(
 )
 TEMPORARY_OFFSET = attrs.evolve(
     JUMP,
-    words="an offset for a time",
+    words="a temporary offset",
     block=blocks.TemporaryOffset(),
     free=("size", *INTERVAL),
     trials=lambda scales: interval_trials(scales, {"size": 0.02 * scales.wire.reach}),
@@ -189,9 +189,9 @@ TEMPORARY_OFFSET = attrs.evolve(
     variant="temporary",
     sizes=(in_proportion("offset", "size"), *FROM_AND_UNTIL),
 )
-TEMPORARY_LOAD = attrs.evolve(TEMPORARY_OFFSET, words="a load for a time", place="drive", variant="drive, temporary")
+TEMPORARY_LOAD = attrs.evolve(TEMPORARY_OFFSET, words="a temporary load", place="drive", variant="drive, temporary")
 TEMPORARY_FLOW = attrs.evolve(
-    TEMPORARY_OFFSET, words="a further flow (or force) for a time", place="balance", variant="balance, temporary"
+    TEMPORARY_OFFSET, words="a temporary flow (or force)", place="balance", variant="balance, temporary"
 )
 GAIN_CHANGE = Effect(
     "parameter_change",
@@ -223,7 +223,7 @@ GAIN_DRIFT = attrs.evolve(
 )
 TEMPORARY_GAIN = attrs.evolve(
     GAIN_CHANGE,
-    words="a gain that changes for a time",
+    words="a temporary change of the gain",
     block=blocks.TemporaryGain(),
     free=("change", *INTERVAL),
     trials=lambda scales: interval_trials(scales, {"change": 0.05}),
