@@ -24,6 +24,8 @@ from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.effects import Effect, Scales, Span, Trials, catalogue, register, registered, relatives, span_of
 from tsmblocks.effects.effect import PLACES
 from tsmblocks.effects.other_names import OTHER_NAMES
+from tsmblocks.engine.kernel_frame import JUMP_OFFSETS, time_jumps
+from tsmblocks.engine.program import Program
 from tsmblocks.files.shipped import shipped_names
 from tsmblocks.model.block import REGISTRY
 from tsmblocks.model.diagram import Diagram
@@ -287,6 +289,15 @@ QUICK = pytest.mark.filterwarnings("ignore::tsmblocks.simulation.stability.StepW
 """A drive that jumps turns a loop round at once, which is too fast for any step, and harmless."""
 
 
+def most_off(diagram):
+    """Largest difference that an effect at its null may make, as a share of the largest value: none.
+
+    Where a signal jumps with time alone, as the rate of a change that begins does, the last stage of a step is taken
+    that share of the step before its end.
+    """
+    return JUMP_OFFSETS[0] if time_jumps(Program(equations(diagram).rhs)) else 0.0
+
+
 @QUICK
 @pytest.mark.parametrize(
     "name",
@@ -301,7 +312,9 @@ def test_at_its_null_an_effect_gives_the_diagram_back(name):
         for backend in BACKENDS:
             done = run(made, backend)
             for output in made.outputs:
-                assert np.array_equal(done[output], base(name, backend)[output]), (effect, site, backend, output)
+                without = base(name, backend)[output]
+                off = np.abs(done[output] - without).max() / max(np.abs(without).max(), 1e-300)
+                assert off <= most_off(made), (effect, site, backend, output, off)
         seen += 1
     assert seen >= 25
 
