@@ -8,8 +8,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import tsmblocks as tsm
+from tsmblocks.blocks import Gain
+from tsmblocks.diagnosis.fitted_candidate import NO_INSTANTS
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.trials import LONGEST_INTERVAL, Scales, Span, Trials, interval_trials
+from tsmblocks.model.diagram import Diagram
 
 RIVALS = ["parameter_change", "drift", "jump", "creep", "first_order_lag", "gain_error", "offset", "stiffness"]
 """Effects that imitate these changes."""
@@ -197,3 +200,18 @@ def test_a_weight_is_looked_for_on_angles_alone():
     for turn in (2 * np.pi, 360.0):
         trials = gravity.trials(attrs.evolve(SCALES, other=attrs.evolve(SCALES.other, turn=turn)))
         assert trials.fixed["force.cycles"] * turn == pytest.approx(2 * np.pi)
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_change_that_does_not_end_within_the_recording_is_not_temporary(ends):
+    t = np.arange(0.0, 60.0, 0.05)
+    u = np.sin(0.7 * t) + 0.5 * np.sin(2.3 * t + 1.0)
+    diagram = Diagram(blocks={"gain": Gain(gain=2.0)}, inputs={"u": "gain"}, outputs={"y": "gain"})
+    change = 0.4 * ((t > 24.0) & (t < (41.0 if ends else np.inf)))
+    noise = 0.1 * np.random.default_rng(5).standard_normal(len(t))
+    record = tsm.Record("one", t, {"u": u, "y": 1.9 * u + change + noise}, {})
+    found = tsm.diagnose(diagram, record, effects=["jump", "parameter_change"])
+    assert (f"- {NO_INSTANTS}: jump (temporary)" in found.details()) is not ends
+    (effect,) = found.effects
+    size = next(iter(effect.sizes.values()))
+    assert ("until" in effect.sizes, size.low < 0.4 < size.high) == (ends, True)

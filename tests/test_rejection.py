@@ -85,7 +85,7 @@ def test_a_round_without_an_effect_says_why_its_best_was_not_accepted():
     assert reason(best, named=best) == rejection.LEAVES_PREDICTED
     small = candidate("gap", 1.8)
     assert reason(small, named=small) == rejection.TOO_LITTLE
-    assert reason(small, named=small, out_of_bounds=1.1) == "another, at a bound, leaves less"
+    assert reason(small, named=small, out_of_bounds=1.1) == "another that may not be named leaves less"
     assert reason(candidate("lag", 1.5), best, named=best) == rejection.LEAVES_MORE
     assert reason(best) == rejection.NOT_ACCEPTED
     later = why_not(diagnosed(1), 2, searched([best], named=best), best, 9.0)

@@ -137,8 +137,9 @@ class Verdict:
     """Candidates from best to worst by held-out loss, their t-statistics, and the critical value of the largest.
 
     ``named`` is the accepted candidate (None where none is accepted), ``indistinguishable`` those that the data do not
-    separate from it, itself first. ``out_of_bounds_loss`` is the loss of a candidate at a disqualifying bound that
-    explains more than every other one: the name then holds only together with further effects that reach a lower loss.
+    separate from it, itself first. ``out_of_bounds_loss`` is the loss of a candidate that explains more than every
+    other one, and is another effect than it says: at a disqualifying bound, or a change without determined instants.
+    The name then holds only together with further effects that reach a lower loss.
     """
 
     ranking: tuple[FittedCandidate, ...] = ()
@@ -222,8 +223,8 @@ def is_more_general(one: FittedCandidate, named: FittedCandidate) -> bool:
 
 
 def _out_of_bounds_loss(ranking: Sequence[FittedCandidate], before: float) -> float:
-    """The lowest loss at a disqualifying bound, where it is clearly below that of the best candidate; else infinite."""
-    lowest = min((one.loss for one in ranking if one.disqualifying_bounds), default=np.inf)
+    """The lowest loss of one that is another effect than it says, if clearly below that of the best; else infinite."""
+    lowest = min((one.loss for one in ranking if one.is_another), default=np.inf)
     return lowest if lowest < ranking[0].loss - OUT_OF_BOUNDS_MARGIN * (before - lowest) else np.inf
 
 

@@ -111,6 +111,29 @@ def lost_parameters(model: Model, base: Model) -> list[str]:
     ]
 
 
+def instants_are_determined(model: Model, candidate: Candidate, base: Model) -> bool:
+    """Whether the instants of a sudden change are: their confidence intervals lie inside the recording.
+
+    A change that ends again at the end of a recording, or is there from its beginning, is another effect. Of separate
+    ones those of the experiment count in which the change is largest: where it is next to nothing, so are they.
+    """
+    items, experiments = model.problem.unknowns.items, model.problem.experiments
+    wanted = {f"{candidate.block}.{name}" for name in candidate.trials.refine}
+    instants = [k for k, item in enumerate(items) if item.parameter in wanted]
+    if not instants:
+        return True
+    strengths = {f"{candidate.block}.{name}" for name in candidate.trials.strengths}
+    sizes = {item.experiment: abs(model.theta[k]) for k, item in enumerate(items) if item.parameter in strengths}
+    place = max(sizes, key=lambda name: sizes[name], default="")
+    errors = uncertainty_of_effects(model, base).errors
+    for k in (k for k in instants if items[k].experiment in ("", place)):
+        where = [one.t for one in experiments if items[k].experiment in ("", one.name)]
+        low, high = model.theta[k] - INTERVAL * errors[k], model.theta[k] + INTERVAL * errors[k]
+        if not (min(t[0] for t in where) < low and high < max(t[-1] for t in where)):
+            return False
+    return True
+
+
 def is_determined(model: Model, candidate: Candidate, nulls: dict[str, float], base: Model) -> bool:
     r"""Whether the confidence region of an effect's parameters excludes the values at which there is no effect.
 

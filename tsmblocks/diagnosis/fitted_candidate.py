@@ -14,6 +14,8 @@ MAX_FINITE_NULL = 1e9
 """Magnitude from which a null value counts as infinite (a limit that never acts), in the parameter's unit. Chosen."""
 FROM_INPUTS = "noise of the inputs explains as much"
 """Why a candidate may not be named."""
+NO_INSTANTS = "its instants are not determined"
+"""The same, of a sudden change that may not begin, or end, within the recording: it is then another effect."""
 
 
 @attrs.frozen(eq=False)
@@ -42,6 +44,11 @@ class FittedCandidate:
         """Parameters at a bound beyond which the effect is a different one, so that its name does not hold."""
         effect = self.candidate.effect
         return tuple(k for k in self.at_bounds if k in effect.within or (k in effect.below and k in self._at_bounds(1)))
+
+    @property
+    def is_another(self) -> bool:
+        """Whether it is not the effect that its name says, though it may explain the residual best."""
+        return bool(self.disqualifying_bounds) or self.untenable == NO_INSTANTS
 
     @property
     def at_bounds(self) -> tuple[str, ...]:

@@ -21,8 +21,9 @@ from tsmblocks.diagnosis.decision import (
     mean_loss,
     noise_beside,
 )
+from tsmblocks.diagnosis.determined import instants_are_determined
 from tsmblocks.diagnosis.evidence import evidence
-from tsmblocks.diagnosis.fitted_candidate import FROM_INPUTS, FittedCandidate
+from tsmblocks.diagnosis.fitted_candidate import FROM_INPUTS, NO_INSTANTS, FittedCandidate
 from tsmblocks.diagnosis.forms_at_finer_step import form_at_finer_step, with_form
 from tsmblocks.diagnosis.general_forms import generalized
 from tsmblocks.diagnosis.model import Model
@@ -177,6 +178,8 @@ def _why_untenable(
         yield "it replaces the model instead of adding to it"
     if depends_on_given_step(fitted, base, search.settings):
         yield "its fit depends on the given step"
+    if not instants_are_determined(fitted, candidate, base):
+        yield NO_INSTANTS
 
 
 def closing_round(model: Model, shrinkage: Shrinkage, search: SearchContext) -> SearchRound:

@@ -125,7 +125,7 @@ def _not_accepted(diagnosed: DiagnosedPart, searched: SearchRound, one: FittedCa
     if one is not best and one.loss > best.loss:
         return LEAVES_MORE
     if np.isfinite(searched.verdict.out_of_bounds_loss):
-        return "another, at a bound, leaves less"
+        return "another that may not be named leaves less"
     before = mean_loss(searched.losses, diagnosed.blocks)
     share = (before - one.loss) / max(before - diagnosed.noise_variance, 1e-12)
     if diagnosed.count:
