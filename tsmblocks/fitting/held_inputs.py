@@ -26,6 +26,8 @@ is longer than the half sample by which a hold delays is no hold."""
 CLEAR = 4.0
 """Share of an alternative, in its standard deviations, from which it is clear of 0. Chosen: recordings are not read
 otherwise on a doubt."""
+EXCLUDED = 3.0
+"""Distance of a share below 1, in its standard deviations, at which it cannot be 1. Chosen: 99.7 %, normal."""
 
 MAX_REST = 0.5
 """Mean square of a fit with an input held, over that without, below which it is reported. Chosen: half a sample of
@@ -81,10 +83,12 @@ class Alternative:
     def is_near(self, distance: float, clear: float = CLEAR) -> bool:
         """Whether an output shows a share near 1, clear of 0 by ``clear`` errors, and no other clearly less.
 
-        More than 1 is what a further lag or dead time of one output makes of it.
+        More than 1 is what a further lag or dead time of one output makes of it; a lag of one output alone leaves the
+        others at 0.
         """
         shown = self._where(lambda share, error: abs(share) > clear * error)
-        return any(abs(share - 1) <= distance for share in shown) and min(shown) >= 1 - distance
+        less = self._where(lambda share, error: 1 - share > max(distance, EXCLUDED * error))
+        return any(abs(share - 1) <= distance for share in shown) and min(shown) >= 1 - distance and not less
 
     def is_refuted(self, distance: float) -> bool:
         """Whether the outputs show a share away from 0, and none of them one near 0."""
