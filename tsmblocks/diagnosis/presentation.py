@@ -15,7 +15,7 @@ from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BIN_COUNT, axis_title, binned, coordinate_unit, coordinates
 from tsmblocks.diagnosis.segment import Gap, NamedEffect, Quantity, RankedCandidate, Segment, Trace
-from tsmblocks.effects.sizes import MILLISECONDS
+from tsmblocks.effects.sizes import MILLISECONDS, UNTIL
 from tsmblocks.fitting.parameters import numbers
 from tsmblocks.model import parameter_units
 from tsmblocks.model.diagram import Diagram
@@ -83,7 +83,7 @@ def main_parameter(effect: NamedEffect, segment: Segment) -> str:
 def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     """The measurable size of an effect in words: ``gap width 3.01 ± 0.02 deg``.
 
-    At most ``MAX_SIZES``. Where each experiment has separate values, those of the one in which the first size is the
+    At most ``MAX_SIZES``, where those from which until which a change lasts are one. Where each experiment has separate values, those of the one in which the first size is the
     largest of those that are clear of zero; of an effect that defines no sizes its main parameter.
     """
     if not effect.sizes:
@@ -97,7 +97,11 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     clear = [key for key in local if effect.sizes[key].low > 0 or effect.sizes[key].high < 0]
     largest = parts[max(clear or local, key=lambda key: abs(effect.sizes[key].value))][2] if local else ""
     shown = [key for key, (_, _, experiment) in parts.items() if experiment in ("", largest)]
-    texts = [f"{parts[key][0]} {size_text(effect, key)}" for key in shown][:MAX_SIZES]
+    texts = list[str]()
+    for key in shown:
+        name, text = parts[key][0], f"{parts[key][0]} {size_text(effect, key)}"
+        texts[-1:] = [f"{texts[-1]} {text}"] if name == UNTIL and texts else [*texts[-1:], text]
+    texts = texts[:MAX_SIZES]
     if largest and any(parts[key][2] for key in shown[:MAX_SIZES]):
         texts[-1] += _in_experiment(largest, len(local) - len(effect.absent_in) == 1, effect.relative_to)
     return texts

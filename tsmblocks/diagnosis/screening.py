@@ -6,6 +6,7 @@ Base parameters are projected out. Source: Frisch and Waugh, Econometrica 1 (193
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 
 import attrs
@@ -25,7 +26,7 @@ from tsmblocks.fitting.residuals import Problem
 REFINEMENT_SHAPES = 12
 """Shapes tried on each side of the best one in a refinement of the grid. Chosen."""
 REFINEMENT_ROUNDS = 3
-"""Refinements of the grid. Chosen: each narrows it to a thirteenth, so three reach the samples."""
+"""Refinements of the grid, at most. Chosen: each narrows it to a thirteenth, so three reach 100,000 samples."""
 DIVERGENCE_THRESHOLD = 1e30
 """Change of an output [rms noise] from which a simulation has diverged. Chosen: far from both data and overflow."""
 MIN_SENSITIVITY = 1e-4
@@ -136,7 +137,7 @@ class _Screening:
         """Every shape, with gains in surrogates; and the best ones of finer and finer grids."""
         trials = self.candidate.trials
         found = coarse = self.evaluated(trials.shapes, noise)
-        for name in trials.refine * REFINEMENT_ROUNDS:
+        for name in trials.refine * self._refinements:
             found = [*found, *self.evaluated(_between(found, name))]
             found = sorted(found, key=lambda one: -one.gain)[: 2 * REFINEMENT_SHAPES]
         return coarse, found
@@ -146,14 +147,28 @@ class _Screening:
         trials, names = self.candidate.trials, self.problem.unknowns.experiments
         shapes = [for_each(one, self.candidate.effect.local, names) for one in trials.shapes]
         found = coarse = self._chosen(shapes, noise)
-        grid = sorted({one[trials.refine[0]] for one in trials.shapes})
-        distance = (grid[-1] - grid[0]) / max(len(grid) - 1, 1)
-        for _ in range(REFINEMENT_ROUNDS):
+        distance = self._interval
+        for _ in range(self._refinements):
             steps = [distance * k / (REFINEMENT_SHAPES + 1) for k in range(-REFINEMENT_SHAPES, REFINEMENT_SHAPES + 1)]
             for name in trials.refine:
                 found = self._chosen([moved(found.shape, name, step) for step in steps])
             distance /= REFINEMENT_SHAPES + 1
         return [coarse], [found]
+
+    @property
+    def _interval(self) -> float:
+        """Time [s] between the instants of the first grid."""
+        trials = self.candidate.trials
+        grid = {one[trials.refine[0]] for one in trials.shapes}
+        return (max(grid) - min(grid)) / max(len(grid) - 1, 1)
+
+    @property
+    def _refinements(self) -> int:
+        """Refinements of the grid of instants until they are nearer than a transition takes; 0 where there is none."""
+        if not self.candidate.trials.refine:
+            return 0
+        needed = math.log(max(self._interval / self.candidate.transition_time, 1.0), REFINEMENT_SHAPES + 1)
+        return min(math.ceil(needed), REFINEMENT_ROUNDS)
 
     def _chosen(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> ShapeTrial:
         """The trial that has of each experiment the shape with the largest gain there."""

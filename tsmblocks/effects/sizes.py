@@ -13,6 +13,8 @@ from tsmblocks.effects.trials import Scales
 
 OWN_UNITS = ("{u}", "{x}")
 """In the unit of a size: the unit of the signal on which the effect acts, and that of the second signal it reads."""
+UNTIL = "until"
+"""Name of the instant at which a change ends; before it stands that at which it begins."""
 MINUTE, PERCENT, MILLISECONDS = 60.0, 100.0, 1000.0
 """Seconds in a minute, and factors from a share to percent and from s to ms."""
 

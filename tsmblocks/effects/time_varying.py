@@ -11,7 +11,7 @@ import attrs
 from tsmblocks import blocks
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.friction import CHANGES
-from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
+from tsmblocks.effects.sizes import MINUTE, PERCENT, UNTIL, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials, instant_trials, interval_trials
 from tsmblocks.effects.variants import across, in_front, of_element, on_branch, separate
 
@@ -105,7 +105,7 @@ def _whole_drift(p: Mapping[str, float], scales: Scales) -> float:
 
 
 TIME_CONSTANT = in_proportion("time constant", "time_constant", "s")
-FROM_AND_UNTIL = in_proportion("from", "time", "s"), in_proportion("until", "until", "s")
+FROM_AND_UNTIL = in_proportion("from", "time", "s"), in_proportion(UNTIL, "until", "s")
 INTERVAL = ("time", "until")
 """The instants of a change that ends again."""
 AT = in_proportion("time", "time", "s")
