@@ -26,7 +26,7 @@ NOISE = 0.1 * DEG
 NOTES = (
     "full: x_in was filtered with zero phase, cut-off 9.5 Hz (chosen from its spectrum); 0.061 deg rms was removed.",
     "half: x_in was filtered with zero phase, cut-off 12 Hz (chosen from its spectrum); 0.06 deg rms was removed.",
-    "half: x_in was held constant where it rests (3 % of the samples).",
+    "half: x_in was held constant where it moves no more than its noise (3 % of the samples).",
     "the plant was started anew.",
 )
 

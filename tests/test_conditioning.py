@@ -68,7 +68,7 @@ def test_a_signal_that_never_moves_is_held_at_its_mean():
     made = conditioned(record(x), ["x_in"])
     assert path(made["x_in"]) < 0.1 * NOISE
     assert made["x_in"] == pytest.approx(0.3, abs=0.2 * NOISE)
-    assert made.notes[-1] == "x_in was held constant where it rests (100 % of the samples)."
+    assert made.notes[-1] == "x_in was held constant where it moves no more than its noise (100 % of the samples)."
 
 
 @pytest.mark.parametrize(("begin", "end"), [(300, 700), (0, 400), (1500, 1999)])

@@ -74,7 +74,8 @@ compensator from the augmented model          1.00  0.300
 notes:
 - all experiments: x_in was filtered with zero phase, cut-off 9.5–12 Hz (chosen
   from its spectrum); 0.06–0.061 deg rms was removed.
-- half: x_in was held constant where it rests (3 % of the samples).
+- half: x_in was held constant where it moves no more than its noise (3 % of the
+  samples).
 - the plant was started anew.
 - Random seed 3; the search was completed.
 

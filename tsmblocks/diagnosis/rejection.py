@@ -65,7 +65,8 @@ def alternatives_to(named: FittedCandidate, indistinguishable: Sequence[FittedCa
 
 
 def why_named(named: FittedCandidate, indistinguishable: Sequence[FittedCandidate]) -> str:
-    """Why an effect is named rather than those indistinguishable from it, in a sentence; empty where there are none.
+    """Why an effect is named rather than those indistinguishable from it, in a sentence; empty where there are none,
+    and where it was named before other effects were in the model, beside which others leave a little less.
 
     Of effects that explain the residual equally well the one with the fewest parameters is named, and of several with
     as few, the one that leaves the least error.
@@ -88,7 +89,7 @@ def why_named(named: FittedCandidate, indistinguishable: Sequence[FittedCandidat
     if not lower:
         few = "of those with as few parameters it leaves the least error on held-out data"
         return f"{named.candidate.effect.name} is named because {few}."
-    return f"{named.candidate.effect.name} was named before the others were in the model, as the simplest or the best."
+    return ""
 
 
 def _unfit(one: FittedCandidate) -> str:
