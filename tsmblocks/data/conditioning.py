@@ -64,7 +64,8 @@ def conditioned(self: Record, names: Iterable[str]) -> Record:
         signals[name], share = held_at_rest(made[name], made.step, noise)
         if share:
             notes.append(
-                f"{name} was held constant where it moves no more than its noise ({100 * share:.0f} % of the samples)."
+                where = f"where it moves no more than its noise ({100 * share:.0f} % of the samples)"
+                notes.append(f"{name} was held constant {where}.")
             )
     return made._changed(*notes, signals=signals)
 

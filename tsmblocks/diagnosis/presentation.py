@@ -83,8 +83,9 @@ def main_parameter(effect: NamedEffect, segment: Segment) -> str:
 def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     """The measurable size of an effect in words: ``gap width 3.01 ± 0.02 deg``.
 
-    At most ``MAX_SIZES``, where those from which until which a change lasts are one. Where each experiment has separate values, those of the one in which the first size is the
-    largest of those that are clear of zero; of an effect that defines no sizes its main parameter.
+    At most ``MAX_SIZES``, of which the instants from which until which a change lasts are one. Where each experiment
+    has separate values, those of the one in which the first size is the largest of those that are clear of zero; of an
+    effect that defines no sizes its main parameter.
     """
     if not effect.sizes:
         main = main_parameter(effect, segment)
