@@ -63,10 +63,8 @@ def conditioned(self: Record, names: Iterable[str]) -> Record:
         noise = float(np.sqrt(np.mean((made[name] - even[name]) ** 2)))
         signals[name], share = held_at_rest(made[name], made.step, noise)
         if share:
-            notes.append(
-                where = f"where it moves no more than its noise ({100 * share:.0f} % of the samples)"
-                notes.append(f"{name} was held constant {where}.")
-            )
+            where = f"where it moves no more than its noise ({100 * share:.0f} % of the samples)"
+            notes.append(f"{name} was held constant {where}.")
     return made._changed(*notes, signals=signals)
 
 
