@@ -275,7 +275,7 @@ def test_how_far_the_best_stays_from_the_noise_is_told(ranked):
     assert ranked.above_noise == pytest.approx(ranked.best.figure / ranked.noise)
     assert str(ranked).startswith(f"slack fits best: its error is {ranked.above_noise:#.2g} times the noise floor")
     assert (
-        " deg rms, from repeats: what differs between recordings of the same motion). "
+        " deg rms, from repeats: what differs between recordings with the same inputs). "
         in str(ranked).replace("\n", " ") + " "
     )
     assert "tsmblocks diagnose" not in str(ranked)

@@ -271,7 +271,7 @@ def test_slow_noise_is_none_and_says_what_would_tell():
     assert found.verdict == "none"
     text = str(found)
     assert "are indistinguishable" in " ".join(text.split())
-    assert "Record the same motion twice" in " ".join(text.split())
+    assert "Record twice with the same inputs" in " ".join(text.split())
 
 
 def test_what_is_predicted_and_in_no_catalogue_is_unknown_with_its_shape():

@@ -210,7 +210,7 @@ def test_what_nothing_predicts_is_irregular_and_what_would_tell_is_said():
     told = verdict_text.verdict_sentence(attrs.evolve(said, ranking=removes))
     assert "irregular" not in told
     assert "The residual is too large for noise." in told
-    assert next_steps(said)[0].startswith("Record the same motion twice")
+    assert next_steps(said)[0].startswith("Record twice with the same inputs")
     assert next_steps(NAMED) == []
 
 
@@ -219,7 +219,7 @@ def test_a_repeat_is_advised_where_there_is_none(method, advised):
     (gap,) = NONE.gaps
     slow = attrs.evolve(gap, method=method, held_out=(0.2 * DEG,))
     steps = next_steps(attrs.evolve(NONE, gaps=(slow,)))
-    assert any(step.startswith("Record the same motion twice") for step in steps) is advised
+    assert any(step.startswith("Record twice with the same inputs") for step in steps) is advised
     assert any(step.startswith("Give the noise of the sensor") for step in steps)
 
 

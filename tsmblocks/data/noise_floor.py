@@ -22,8 +22,8 @@ from tsmblocks.data.slow_noise import Level, level, mean_square
 TRUST = (REPEATS, "repeated periods", STAND_STILL, HIGH_FREQUENCIES)
 """Methods, the most reliable first."""
 CONTENT = {
-    REPEATS: "what differs between recordings of the same motion",
-    "repeated periods": "what differs from one period of the motion to a later one",
+    REPEATS: "what differs between recordings with the same inputs",
+    "repeated periods": "what differs from one period of the inputs to a later one",
     STAND_STILL: "the noise while the mechanism stands still",
     HIGH_FREQUENCIES: "fast noise only; slow noise is not included",
 }

@@ -16,7 +16,7 @@ from tsmblocks.data.record import Record
 from tsmblocks.data.slow_noise import Stretch, mean_square
 
 REPEATS = "repeats"
-"""Method of a floor that is the difference between recordings of the same motion."""
+"""Method of a floor that is the difference between recordings with the same inputs."""
 STAND_STILL = "stand-still"
 """Method of a floor that was estimated while the inputs rest."""
 STILL_MOVING = "the signal still moves there: it rings or settles, or something else drives it"

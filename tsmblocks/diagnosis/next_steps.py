@@ -36,7 +36,7 @@ RECORD_CAUSES = (
 )
 """The next step where a disturbance that was not recorded may be the cause."""
 REPEAT_BESIDE_DISTURBANCES = (
-    "Record the same motion twice: a model error repeats, a disturbance that was not recorded does not."
+    "Record twice with the same inputs: a model error repeats, a disturbance that was not recorded does not."
 )
 """The next step where a residual is too large for noise, and nothing predicts it."""
 SHOW_SHAPE = "Record more data over the full range of the signals that predict the residual, to show its shape."
@@ -51,7 +51,7 @@ SEARCH_TO_THE_END = (
 def next_steps(segment: Segment) -> list[str]:
     """Next steps where a residual is not explained, or where noise and a model error are indistinguishable."""
     given = all(gap.given for gap in segment.gaps)
-    repeat = "Record the same motion twice: a model error repeats, noise does not."
+    repeat = "Record twice with the same inputs: a model error repeats, noise does not."
     floor = (
         "Give the noise of the sensor (--noise-floor, in Python noise_floor), from a recording at rest or from its "
         "data sheet."

@@ -272,7 +272,7 @@ FRICTION_CHANGE = Effect(
     {"friction.gain": 0.0},
     ("friction.gain", "from.change.time"),
     lambda scales: instant_trials(scales, _trials("friction.gain", 1, scales).strengths, {}, "from.change."),
-    excites="the same motion before and after it",
+    excites="the same inputs before and after it",
     confused=("viscous_friction", "drift", "jump"),
     separates="the same experiment before and after",
     variant="friction",

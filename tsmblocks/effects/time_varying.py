@@ -168,7 +168,7 @@ LOAD_STEP = attrs.evolve(
     other_words=dict.fromkeys(("position", "speed"), "a step of the command"),
     place="drive",
     confused=("load_offset", "periodic_disturbance"),
-    separates="the same motion without the load",
+    separates="the same inputs without the load",
     variant="drive",
 )
 FLOW_STEP = attrs.evolve(
@@ -202,7 +202,7 @@ GAIN_CHANGE = Effect(
     {"change": 0.0},
     ("change", "time"),
     lambda scales: instant_trials(scales, {"change": 0.05}, {}),
-    excites="the same motion before and after it",
+    excites="the same inputs before and after it",
     confused=("drift", "jump", "creep"),
     separates="the same experiment before and after",
     variant="gain",
