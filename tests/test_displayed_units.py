@@ -7,8 +7,9 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks import blocks
 from tsmblocks.blocks import RateLimit, SecondOrderLag
+from tsmblocks.common.displayed_units import DisplayedUnit, display_unit, displayed_in, times, unit_over
 from tsmblocks.common.rounding import plus_minus
-from tsmblocks.common.units import DisplayedUnit, display_unit, displayed_in, parse, times, unit_over
+from tsmblocks.common.units import parse
 from tsmblocks.diagnosis.model_difference import difference
 from tsmblocks.effects import Size
 from tsmblocks.fitting.parameters import numbers

@@ -13,8 +13,8 @@ from tests.test_tuning import ERROR, GAINS
 from tests.views_everywhere import LOOP, examples, registered
 from tsmblocks import plots
 from tsmblocks.analysis import frequency_response
+from tsmblocks.common.displayed_units import axis_unit
 from tsmblocks.common.palette import LIGHT
-from tsmblocks.common.units import axis_unit
 from tsmblocks.common.views import view
 from tsmblocks.plots.panels import axes, decimal
 from tsmblocks.plots.style import RESIDUAL, styled

@@ -7,7 +7,9 @@ import pytest
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, Integrator
 from tsmblocks.common import units
-from tsmblocks.common.units import UnitError, factor, parse, same, split_heading, times
+from tsmblocks.common.displayed_units import times
+from tsmblocks.common.headings import split_heading
+from tsmblocks.common.units import UnitError, factor, parse, same
 from tsmblocks.model.unit_inference import unit_label
 
 

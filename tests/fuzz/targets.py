@@ -17,7 +17,7 @@ import numpy as np
 
 import tsmblocks as tsm
 from tests.fuzz.mutation import mutated, reworded
-from tsmblocks.common import units
+from tsmblocks.common import headings, units
 from tsmblocks.common.errors import CONTROLS
 from tsmblocks.files.shipped import shipped_folder, shipped_names
 from tsmblocks.metrics import conditions
@@ -262,8 +262,8 @@ def _use_expression(text: str) -> None:
 
 
 def _use_unit(text: str) -> None:
-    name, label = units.split_heading(f"x [{text}]")
-    units.heading(name, label)
+    name, label = headings.split_heading(f"x [{text}]")
+    headings.heading(name, label)
     units.factor(label, "rad")
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from tsmblocks.analysis.operating_point import HELD_SUFFIX
 from tsmblocks.blocks import Sine
 from tsmblocks.common.arguments import as_integer, as_number, as_positive
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.frames import dataset, frame, optional_library
 from tsmblocks.common.tables import few, listed
-from tsmblocks.common.units import display_unit
 from tsmblocks.common.views import view
 from tsmblocks.engine.equations import Equations
 from tsmblocks.model.diagram import Diagram

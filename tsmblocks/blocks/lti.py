@@ -12,8 +12,8 @@ from tsmblocks.blocks import linear_systems as systems
 from tsmblocks.blocks.discrete import DiscreteStateSpace, DiscreteTransferFunction
 from tsmblocks.blocks.shared import UNIT, UNIT_IN
 from tsmblocks.common.errors import BlockError, ParameterError, in_words
+from tsmblocks.common.headings import heading, split_heading
 from tsmblocks.common.tables import unique_names
-from tsmblocks.common.units import heading, split_heading
 from tsmblocks.model.block import Block, Input, Output, State, block, option, parameter
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from tsmblocks.cli import common, console
 from tsmblocks.common.errors import DiagramError, FileError, ParameterError, TsmError
-from tsmblocks.common.units import heading
+from tsmblocks.common.headings import heading
 
 HELP = "check diagram files and list their faults"
 

@@ -16,7 +16,7 @@ import attrs
 from tsmblocks.cli.common import SEVERAL, UsageError, finite_float, integer_from, name_and_value, passed, row_range
 from tsmblocks.cli.console import print_note
 from tsmblocks.common.errors import TsmError, near
-from tsmblocks.common.units import heading, split_heading
+from tsmblocks.common.headings import heading, split_heading
 
 COLUMN_FORM = "NAME=COLUMN; a name with blanks needs quotes, such as 'x_in=Motor pos'"
 """What --map expects, in messages."""

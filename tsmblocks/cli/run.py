@@ -19,10 +19,10 @@ from typing import Any
 
 from tsmblocks.cli import common, console, parameters, recordings
 from tsmblocks.common.atomic_write import replace_figure
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.errors import RunError
 from tsmblocks.common.rounding import significant
 from tsmblocks.common.tables import columns
-from tsmblocks.common.units import display_unit
 
 DEFAULT_STEP = 1e-3
 """Step [s] where neither the command nor the diagram's file gives one, as for ``simulate``."""
@@ -148,7 +148,7 @@ def _tracks(run: Any) -> bool:
 
 def summarise(run: Any, diagram: str, record: Any = None, residuals: Any = None) -> dict[str, Any]:
     """All that the command reports of a run, as plain values."""
-    from tsmblocks.common.units import displayed_in
+    from tsmblocks.common.displayed_units import displayed_in
 
     made: dict[str, Any] = {
         "diagram": diagram,

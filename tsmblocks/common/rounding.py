@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tsmblocks.common.units import display_unit
+from tsmblocks.common.displayed_units import display_unit
 
 SIGNIFICANT = 2
 """Digits of an uncertainty, with which the value is rounded. Source: GUM (JCGM 100:2008), 7.2.6."""

@@ -7,7 +7,7 @@ pandas, with ``structures`` for nested structures of MAT files, ``writing`` for 
 in ``parts``, ``signals``, ``resampling``, ``filters`` and ``conditioning``.
 """
 
-from tsmblocks.common.units import heading, split_heading
+from tsmblocks.common.headings import heading, split_heading
 from tsmblocks.data.files import from_pandas, read
 from tsmblocks.data.input_cautions import cautions
 from tsmblocks.data.noise_floor import Noise, noise

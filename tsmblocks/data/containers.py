@@ -12,8 +12,8 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.errors import DataError, near
+from tsmblocks.common.headings import split_heading, unambiguous_heading
 from tsmblocks.common.memory import refuse_too_large
-from tsmblocks.common.units import split_heading, unambiguous_heading
 from tsmblocks.data import structures
 from tsmblocks.data.hdf5 import SIGNATURE, read_hdf5
 from tsmblocks.data.mat5 import read_mat5

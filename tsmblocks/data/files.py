@@ -13,8 +13,9 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError, clip, in_words, near
+from tsmblocks.common.headings import split_heading
 from tsmblocks.common.tables import listed
-from tsmblocks.common.units import UnitError, factor, same, split_heading
+from tsmblocks.common.units import UnitError, factor, same
 from tsmblocks.data import containers, formats, json_text, text
 from tsmblocks.data.grid import usual_step
 from tsmblocks.data.missing_units import how_to_map, map_argument
@@ -395,6 +396,4 @@ def _check(origin: str, options: ReadOptions) -> None:
         if value not in ("refuse", other):
             raise DataError(f"{origin}: {what} must be 'refuse' or '{other}', got {in_words(value)}.")
     if options.step is not None and not 0 < options.step < float("inf"):
-        raise DataError(
-            f"{origin}: the step from row to row must be a positive number of seconds, got {options.step:g}."
-        )
+        raise DataError(f"{origin}: the step from row to row must be a positive number of s, got {options.step:g}.")

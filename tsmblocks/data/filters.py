@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import DataError
+from tsmblocks.common.headings import heading
 from tsmblocks.common.rounding import to_digits
-from tsmblocks.common.units import heading
 from tsmblocks.data.grid import refuse_not_finite, refuse_uneven
 from tsmblocks.data.jumps import jumps
 
@@ -203,7 +203,7 @@ def differentiated(
     smooth = x if chosen is None else low_pass(x, self.step, chosen)
     slope = make_interp_spline(self.t, smooth, k=5)(self.t, nu=order)
     for _ in range(order if unit else 0):
-        unit = units.times(unit, "s", -1)
+        unit = displayed_units.times(unit, "s", -1)
     how = "" if chosen is None else f" after a zero-phase low-pass, {_cutoff_text(chosen, cutoff)}"
     note = f"{heading(new, unit)} is {signal} differentiated{' twice' if order == 2 else ''}{how}."
     labels = {**self.units, new: unit} if unit else self.units
@@ -216,7 +216,7 @@ def _cutoff_text(chosen: float, given: float | None) -> str:
 
 def _rms_text(x: np.ndarray, unit: str) -> str:
     """The rms value of a signal in words, angles in degrees: ``0.061 deg rms``."""
-    scale, shown = units.display_unit(unit)
+    scale, shown = displayed_units.display_unit(unit)
     return " ".join((to_digits(scale * float(np.sqrt(np.mean(x**2)))), *shown.split(), "rms"))
 
 

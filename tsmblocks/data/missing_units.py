@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units, units
 from tsmblocks.common.errors import DataError, nearest
 from tsmblocks.common.tables import listed
 
@@ -90,7 +90,7 @@ def how_to_map(name: str, *, bare: bool, known: Iterable[str] = (), unit: str = 
     ``unit`` is that of the diagram, where it is known.
     """
     close = nearest(name, known)
-    shown = units.display_unit(unit)[1] or "deg"
+    shown = displayed_units.display_unit(unit)[1] or "deg"
     return map_argument(name, close) if close else map_argument(f"{name} [{shown}]" if bare else name)
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, clip, in_words, near, nearest, without_controls
 from tsmblocks.common.frames import dataset, frame
+from tsmblocks.common.headings import heading
 from tsmblocks.common.interpolation import AUTO
 from tsmblocks.common.tables import few
-from tsmblocks.common.units import heading
 from tsmblocks.common.views import SignalViews
 from tsmblocks.data import conditioning, filters, grid, parts, resampling
 from tsmblocks.data import signals as signal_methods

@@ -8,7 +8,7 @@ from datetime import datetime
 import attrs
 import numpy as np
 
-from tsmblocks.common.units import heading
+from tsmblocks.common.headings import heading
 
 Rows = tuple[int | None, int | None]
 """First and last row to keep, both included, numbered as in the file; None is the end."""

@@ -14,8 +14,8 @@ import numpy as np
 
 from tsmblocks.common import units
 from tsmblocks.common.errors import DataError, in_words
+from tsmblocks.common.headings import heading, split_heading
 from tsmblocks.common.memory import refuse_too_large
-from tsmblocks.common.units import heading, split_heading
 from tsmblocks.data.table import Rows, Source, plural, within
 
 COMMENTS = ("#", "%", "//")

@@ -12,7 +12,7 @@ import numpy as np
 
 from tsmblocks.common.atomic_write import replace_mat, replacing
 from tsmblocks.common.errors import DataError, in_words
-from tsmblocks.common.units import split_heading, unambiguous_heading
+from tsmblocks.common.headings import split_heading, unambiguous_heading
 
 ENDINGS = (".csv", ".npz", ".mat")
 """Endings of files that are written."""

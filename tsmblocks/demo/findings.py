@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import attrs
 import numpy as np
 
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.rounding import significant
 from tsmblocks.common.tables import listed
-from tsmblocks.common.units import display_unit
 from tsmblocks.demo.compensators import FEEDFORWARD, LOOP, Tracked
 from tsmblocks.demo.mechanism import DEG, NUMBERS, SAMPLE, STOP
 from tsmblocks.demo.story import FLOOR, IDENTIFIED, Story

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tsmblocks.blocks import Bias
-from tsmblocks.common.units import display_unit
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.diagnosis.acceptance import MIN_EXCESS_SHARE
 from tsmblocks.diagnosis.candidates import Candidate, acts_on
 from tsmblocks.diagnosis.critical_gains import critical_gains

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import attrs
 
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.tables import listed
-from tsmblocks.common.units import display_unit
 from tsmblocks.diagnosis.presentation import digits, unit_of
 from tsmblocks.diagnosis.segment import NamedEffect
 from tsmblocks.fitting.parameters import is_start, numbers

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import numpy as np
 
-from tsmblocks.common.units import display_unit
+from tsmblocks.common.displayed_units import display_unit
 
 if TYPE_CHECKING:
     from tsmblocks.diagnosis.result import Diagnosis

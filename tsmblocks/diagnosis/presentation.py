@@ -8,9 +8,10 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.displayed_units import display_unit
+from tsmblocks.common.headings import heading
 from tsmblocks.common.rounding import LARGEST_PLAIN, plus_minus, significant
 from tsmblocks.common.tables import listed
-from tsmblocks.common.units import display_unit, heading
 from tsmblocks.data.noise_floor import CONTENT, method_text
 from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.diagnosis.residual_location import BIN_COUNT, axis_title, binned, coordinate_unit, coordinates

@@ -10,8 +10,9 @@ import attrs
 import numpy as np
 
 from tsmblocks.blocks import Gain
+from tsmblocks.common.displayed_units import display_unit, displayed_in, times
 from tsmblocks.common.tables import listed
-from tsmblocks.common.units import display_unit, displayed_in, is_unit, parse, times
+from tsmblocks.common.units import is_unit, parse
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.control_loops import in_front
 from tsmblocks.diagnosis.determined import directions_without_effect, uncertainty_of_effects

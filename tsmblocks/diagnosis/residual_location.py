@@ -7,7 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tsmblocks.common.units import base_unit, is_unit, times
+from tsmblocks.common.displayed_units import times
+from tsmblocks.common.units import base_unit, is_unit
 from tsmblocks.diagnosis.cross_validation import TimeBlocks
 from tsmblocks.diagnosis.segment import ResidualCoordinate
 

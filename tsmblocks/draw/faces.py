@@ -10,7 +10,7 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 from tsmblocks.draw.picture import SMALL, SYMBOL, fitted, text_width, wrapped
 from tsmblocks.model.diagram import Diagram
 
@@ -96,7 +96,7 @@ def values_of(block: Any, unit_of: UnitOf) -> str:
 def _shown(block: Any, name: str, how: str, unit_of: UnitOf) -> str:
     """A parameter as displayed; of a unit that depends on a signal of unknown unit only what is known: ``/s``."""
     declared = block.fields()[name].unit
-    factor, unit = units.display_unit(unit_of(name))
+    factor, unit = displayed_units.display_unit(unit_of(name))
     unit = unit or re.sub(r"^\?\w+", "", declared if "/?" not in declared else "")
     return f"{number(factor * getattr(block, name))} {unit if how == 'unit' else ''}".strip()
 

@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping
 
 import attrs
 
+from tsmblocks.common.displayed_units import DisplayedUnit, times, unit_over
 from tsmblocks.common.errors import ParameterError, in_words
-from tsmblocks.common.units import DisplayedUnit, per, times, unit_over
+from tsmblocks.common.units import per
 from tsmblocks.effects.trials import Scales
 
 OWN_UNITS = ("{u}", "{x}")

@@ -15,8 +15,8 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_positive
 from tsmblocks.common.atomic_write import replace_file
+from tsmblocks.common.displayed_units import times
 from tsmblocks.common.errors import ParameterError, RunError, in_words
-from tsmblocks.common.units import times
 from tsmblocks.common.version import __version__
 from tsmblocks.engine.equations import DELAY_NUMBERS, DELAY_SAMPLES, Equations
 from tsmblocks.engine.implicit import step_of

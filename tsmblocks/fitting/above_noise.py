@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 from tsmblocks.common.errors import DataError
 from tsmblocks.data import Record
 from tsmblocks.data.fast_noise import sample_to_sample_noise
@@ -96,7 +96,7 @@ def _far(fit: Fit, own: Sequence[Difference]) -> list[str]:
     noise, method = output_noise(own, fit.records, fit.diagram.inports)
     if not is_far(own, noise):
         return []
-    k, unit = units.display_unit(own[0].unit)
+    k, unit = displayed_units.display_unit(own[0].unit)
     size = f"{k * noise:.3g} {unit}".rstrip()
     return [
         f"The residual of {own[0].output} is {factor_text(_rms(own) / noise)} times the noise floor ({size} rms, "

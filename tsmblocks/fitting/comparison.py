@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 from tsmblocks.common.errors import RunError, near
 from tsmblocks.common.frames import frame
 from tsmblocks.common.tables import few
@@ -50,7 +50,7 @@ class Row:
     def __repr__(self) -> str:
         if self.train is None:
             return f"Row({self.name!r}, {self.fault!r})"
-        k, unit = units.display_unit(self.train.unit)
+        k, unit = displayed_units.display_unit(self.train.unit)
         return f"Row({self.name!r}, {self.parameters} parameters, rms {k * self.figure:.4g} {unit})"
 
 

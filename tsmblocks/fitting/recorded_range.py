@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.errors import TsmError
-from tsmblocks.common.units import display_unit
 from tsmblocks.fitting.parameters import numbers
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.simulate import simulate

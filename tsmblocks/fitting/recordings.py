@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units, units
 from tsmblocks.common.errors import DataError, DiagramError, in_words, near
 from tsmblocks.data import Record, read
 from tsmblocks.data.grid import MIN_RECORD_SAMPLES
@@ -118,7 +118,7 @@ def with_adopted_units(diagram: Diagram, records: Mapping[str, Record]) -> tuple
 
 def as_recorded(diagram: Diagram, name: str, records: Iterable[Record]) -> str:
     """The unit of an input or output of a diagram, displayed in that of the first recording of it."""
-    return units.displayed_in(diagram.unit(name), (r.unit(name) for r in records if name in r))
+    return displayed_units.displayed_in(diagram.unit(name), (r.unit(name) for r in records if name in r))
 
 
 def _scaled_as(label: str, diagram: Diagram) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units, units
 from tsmblocks.common.errors import DataError, near
 from tsmblocks.common.frames import frame
 from tsmblocks.common.interpolation import AUTO, Hold
@@ -93,7 +93,7 @@ class Difference:
 
     def as_displayed(self) -> Difference:
         """Return the same as people read it: in the unit of the recording, angles in degrees."""
-        _, shown = units.display_unit(self.unit)
+        _, shown = displayed_units.display_unit(self.unit)
         return self.to(shown) if shown != self.unit else self
 
     def in_degrees(self) -> Difference:
@@ -351,7 +351,7 @@ def of_run(diagram: Diagram, run: Run, record: Record, outputs: Iterable[str]) -
     t, made = record.t[cut], list[Difference]()
     driven = _driven(diagram, record, t)
     for name in outputs:
-        unit = units.displayed_in(run.unit(name) or record.unit(name), [record.unit(name)])
+        unit = displayed_units.displayed_in(run.unit(name) or record.unit(name), [record.unit(name)])
         y = np.interp(t, run.t, run[name])
         measured = signal_of(record.name, record, name, run.unit(name))[cut]
         made.append(Difference(record.name, name, unit, t, measured, y, driven))
@@ -363,7 +363,7 @@ def _driven(diagram: Diagram, record: Record, t: np.ndarray) -> dict[str, tuple[
     return {
         name: (
             np.interp(t, record.t, record.values(name, port.unit)),
-            units.displayed_in(port.unit or record.unit(name), [record.unit(name)]),
+            displayed_units.displayed_in(port.unit or record.unit(name), [record.unit(name)]),
         )
         for name, port in diagram.inports.items()
     }

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units, units
+from tsmblocks.common.headings import heading
 from tsmblocks.common.rounding import decimals, fixed, significant
 from tsmblocks.common.tables import columns, line_width, listed, split_columns, table_width
-from tsmblocks.common.units import heading
 from tsmblocks.common.views import no_view
 from tsmblocks.data.noise_floor import method_text
 from tsmblocks.fitting.above_noise import FAR, beyond_noise, factor_text
@@ -330,7 +330,7 @@ def row_doubts(row: Row) -> list[str]:
 
 def for_people(comparison: Comparison) -> tuple[float, str]:
     """Factor and unit in which people read the errors of a comparison: that of the recordings."""
-    k, shown = units.display_unit(comparison.unit)
+    k, shown = displayed_units.display_unit(comparison.unit)
     return k, "of the spread" if comparison.is_share else shown
 
 

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 from tsmblocks.data import heading
 from tsmblocks.html import charts
 from tsmblocks.html.charts import LEFT, RIGHT, Frame, ends
@@ -60,7 +60,7 @@ def over_time(t: np.ndarray, signals: Mapping[str, tuple[np.ndarray, str]], word
     """Charts of signals (values, unit) over time in s, one for each unit, angles in degrees."""
     groups: dict[str, list[tuple[str, np.ndarray]]] = {}
     for name, (values, unit) in signals.items():
-        k, shown = units.display_unit(unit)
+        k, shown = displayed_units.display_unit(unit)
         groups.setdefault(shown, []).append((name, k * np.asarray(values, dtype=float)))
     drawn = [_chart(t, lines, unit, words) for unit, lines in list(groups.items())[:MOST_CHARTS]]
     left = len(groups) - len(drawn)
@@ -73,7 +73,7 @@ def over_time_and_ranges(
     """Charts, and a table of ranges; angles in degrees."""
     cells = []
     for name, (values, unit) in signals.items():
-        k, shown = units.display_unit(unit)
+        k, shown = displayed_units.display_unit(unit)
         y = np.asarray(values, dtype=float)[np.isfinite(values)]
         figures = (y.min(), y.max(), values[-1]) if len(y) else (np.nan,) * 3
         size = float(np.abs(k * y).max(initial=0.0))

@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 from tsmblocks.common.views import no_view
 from tsmblocks.data import heading
 from tsmblocks.fitting.comparison import Comparison
@@ -71,7 +71,7 @@ def _worst(differences: Differences) -> Difference:
 
 def _chart(one: Difference, before: str = "") -> str:
     """One output of one experiment over time: measured, simulated, and the residual."""
-    k, unit = units.display_unit(one.unit)
+    k, unit = displayed_units.display_unit(one.unit)
     measured, simulated, residual = (k * np.asarray(y) for y in (one.measured, one.simulated, one.residual))
     title = heading(f"{before}{one.experiment}, {one.output}", unit)
     words = f"{one.output} of {one.experiment} over time, measured and simulated"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import no_view
 from tsmblocks.data import heading
@@ -35,7 +35,7 @@ def study_card(results: Results) -> str:
     done = f"{len(results)} of {results.count} runs" if len(results) < results.count else f"{results.count} runs"
     cells = []
     for name in results.metrics:
-        k, unit = units.display_unit(results.units[name])
+        k, unit = displayed_units.display_unit(results.units[name])
         best = results.best(name) if np.isfinite(results[name]).any() else {}
         where = ", ".join(f"{one} {_value(best[one])}" for one in results.parameters if one in best)
         cells.append([heading(name, unit), *(table_number(k * v) for v in results.quantiles(name).values()), where])
@@ -64,7 +64,7 @@ def responses_card(responses: Responses) -> str:
 
 def _spread(results: Results, name: str) -> str:
     """The distribution of a metric, as bars."""
-    k, unit = units.display_unit(results.units[name])
+    k, unit = displayed_units.display_unit(results.units[name])
     values = k * results[name][np.isfinite(results[name])]
     if len(values) < 2:
         return ""
@@ -84,7 +84,7 @@ def _value(value: Any) -> str:
 
 def _envelope(responses: Responses, name: str) -> str:
     """Bands and median of one signal over time."""
-    k, unit = units.display_unit(responses.unit(name))
+    k, unit = displayed_units.display_unit(responses.unit(name))
     t, *every = charts.sampled(INSTANTS, responses.t, *(k * responses[name]))
     y = np.array(every)
     y = y[np.isfinite(y).all(axis=1)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 from tsmblocks.common.views import no_view
 from tsmblocks.html.card import card, listed, rows, table_number
 from tsmblocks.metrics.metrics import named
@@ -20,7 +20,7 @@ def tuned_card(tuned: Tuned) -> str:
     for name, value in tuned.values.items():
         numbers = map(table_number, (tuned.own[name], value, *tuned.bounds[name]))
         parameters.append((name, *numbers, f"at its {at[name]} bound" if name in at else ""))
-    display = {name: units.display_unit(unit) for name, unit in tuned.units.items()}
+    display = {name: displayed_units.display_unit(unit) for name, unit in tuned.units.items()}
     cells = [
         (case, tuned.title(name), table_number(k * tuned.before[case][name]), table_number(k * after[name]))
         for case, after in tuned.after.items()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import attrs
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 
 Array = np.ndarray
 DIMENSIONLESS = "1"
@@ -59,7 +59,7 @@ class Reduction:
 
     def unit_of(self, signal: str) -> str:
         """The unit of the number for a signal in this unit; ``""`` where it is not known."""
-        return units.times(signal, "s") if self.integrates and signal else self.unit or signal
+        return displayed_units.times(signal, "s") if self.integrates and signal else self.unit or signal
 
 
 REDUCTIONS = {

@@ -12,7 +12,7 @@ from typing import Any
 
 import attrs
 
-from tsmblocks.common import units
+from tsmblocks.common import headings, units
 from tsmblocks.common.errors import TsmError, in_words
 from tsmblocks.common.tables import few
 from tsmblocks.common.views import view
@@ -362,7 +362,7 @@ class Diagram:
         parts = [repr(self.title), count]
         for word, ports in (("inputs", self.inports), ("outputs", self.outports)):
             if ports:
-                parts.append(f"{word} {few(units.heading(k, p.unit) for k, p in ports.items())}")
+                parts.append(f"{word} {few(headings.heading(k, p.unit) for k, p in ports.items())}")
         return f"Diagram({', '.join(parts)})"
 
     def short(self, end: End) -> str:

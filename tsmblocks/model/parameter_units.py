@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units, units
 from tsmblocks.model.block import Field
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.model.unit_inference import RATIO_OF_UNITS, SHARED_UNIT
@@ -43,5 +43,5 @@ def _unit_of_ports(name: str, diagram: Diagram, label: str) -> str:
     unit = of_letter(shared[1])
     for sign, base, power in re.findall(r"([*/])(\w+)(?:\^(\d+))?", shared[2] if unit else ""):
         for _ in range(int(power or 1)):
-            unit = units.times(unit, base, 1 if sign == "*" else -1)
+            unit = displayed_units.times(unit, base, 1 if sign == "*" else -1)
     return unit

@@ -10,9 +10,9 @@ import attrs
 import numpy as np
 
 from tsmblocks.common.arguments import as_number
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.errors import NotFinite, RunError
 from tsmblocks.common.tables import few
-from tsmblocks.common.units import display_unit
 from tsmblocks.common.views import view
 from tsmblocks.metrics.expressions import Expression
 from tsmblocks.metrics.tracking import peak_to_peak, rms

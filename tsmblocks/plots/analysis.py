@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from tsmblocks.analysis.frequency_response import FrequencyResponse
-from tsmblocks.common.units import same, times
+from tsmblocks.common.displayed_units import times
+from tsmblocks.common.units import same
 from tsmblocks.data import heading
 from tsmblocks.plots.panels import axes, decimal, dress, entitle, key, phase_ticks, shown
 from tsmblocks.plots.style import series, styled

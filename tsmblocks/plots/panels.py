@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units, headings
 from tsmblocks.common.errors import TsmError
 from tsmblocks.plots.style import NARROW, fix_ticks, is_own, new_figure, width_of
 
@@ -51,7 +51,7 @@ LOG_RANGE = 10.0
 
 def shown(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
     """Return a signal as tables show it: angles and their rates in degrees, anything else as it is."""
-    k, wanted = units.display_unit(unit)
+    k, wanted = displayed_units.display_unit(unit)
     return (values if wanted == unit else k * values), wanted
 
 
@@ -59,14 +59,14 @@ def scaled(unit: str, *signals: Any) -> tuple[list[np.ndarray], str]:
     """Return signals of one unit as an axis shows them: angles in degrees, small or large ones with a prefix (mV)."""
     arrays = [np.asarray(values, dtype=float) for values in signals]
     size = max((float(np.abs(v[np.isfinite(v)]).max(initial=0.0)) for v in arrays), default=0.0)
-    k, label = units.axis_unit(unit, size)
+    k, label = displayed_units.axis_unit(unit, size)
     return [k * v if k != 1.0 else v for v in arrays], label
 
 
 def in_time(t: np.ndarray) -> tuple[np.ndarray, str]:
     """Return instants in s as an axis shows them, and the label of the axis."""
     (t,), unit = scaled("s", t)
-    return t, units.heading("t", unit)
+    return t, headings.heading("t", unit)
 
 
 # ---- where panels stand -------------------------------------------------------------------------

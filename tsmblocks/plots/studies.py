@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.displayed_units import axis_unit
 from tsmblocks.common.errors import DataError, RunError
-from tsmblocks.common.units import axis_unit
 from tsmblocks.data import heading
 from tsmblocks.plots.panels import axes, dress, entitle, in_time, key, log_spaced, scale_as, scaled, sheet
 from tsmblocks.plots.style import INK, MODEL, NARROW, PALE, RULE, styled, width_of

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.errors import RunError, near
 from tsmblocks.common.rounding import to_digits
-from tsmblocks.common.units import display_unit
 from tsmblocks.data import heading
 from tsmblocks.metrics.metrics import named
 from tsmblocks.plots.panels import MARGIN, dress, folded, in_time, key, scaled, sheet

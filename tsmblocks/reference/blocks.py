@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 import tsmblocks.blocks as public_blocks
+from tsmblocks.common.headings import heading
 from tsmblocks.common.tables import listed
-from tsmblocks.common.units import heading
 from tsmblocks.compiler.dependencies import structure_of
 from tsmblocks.files import dumps
 from tsmblocks.html import block_facts

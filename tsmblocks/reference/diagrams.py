@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tsmblocks.blocks import MultiSine, Sine
-from tsmblocks.common.units import heading
+from tsmblocks.common.headings import heading
 from tsmblocks.files.shipped import shipped_folder
 from tsmblocks.html.pages import part
 from tsmblocks.model.block import is_reference

@@ -12,8 +12,8 @@ import numpy as np
 from tsmblocks.common.arguments import as_list
 from tsmblocks.common.errors import RunError, in_words, near
 from tsmblocks.common.frames import dataset, frame
+from tsmblocks.common.headings import heading
 from tsmblocks.common.tables import few
-from tsmblocks.common.units import heading
 from tsmblocks.common.views import SignalViews
 from tsmblocks.data import Record
 from tsmblocks.data.writing import written

@@ -11,11 +11,12 @@ from typing import Any
 import attrs
 import numpy as np
 
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.errors import RunError, near
 from tsmblocks.common.frames import dataset, frame
+from tsmblocks.common.headings import heading
 from tsmblocks.common.tables import columns as in_columns
 from tsmblocks.common.tables import few, line_width
-from tsmblocks.common.units import display_unit, heading
 from tsmblocks.common.views import view
 from tsmblocks.metrics.metrics import named
 from tsmblocks.model.diagram import Diagram

@@ -13,8 +13,8 @@ import numpy as np
 
 from tsmblocks.common.arguments import as_callback, as_integer
 from tsmblocks.common.errors import DataError, ParameterError, RunError, in_words
+from tsmblocks.common.headings import heading
 from tsmblocks.common.interpolation import AUTO, Hold
-from tsmblocks.common.units import heading
 from tsmblocks.common.version import __version__
 from tsmblocks.engine.inputs import Signal
 from tsmblocks.metrics.metrics import Metric

@@ -18,8 +18,8 @@ import numpy as np
 
 from tsmblocks.common.atomic_write import replace_figure, replace_file
 from tsmblocks.common.errors import FileError, ParameterError, RunError, in_words, near
+from tsmblocks.common.headings import heading
 from tsmblocks.common.tables import columns
-from tsmblocks.common.units import heading
 from tsmblocks.metrics.metrics import Metric, metrics, named
 from tsmblocks.model.diagram import Diagram
 from tsmblocks.simulation.simulate import simulate

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import attrs
 import numpy as np
 
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.rounding import to_digits
 from tsmblocks.common.tables import few
-from tsmblocks.common.units import display_unit
 from tsmblocks.metrics.metrics import Metric
 from tsmblocks.simulation.simulate import simulate
 from tsmblocks.simulation.stability import no_step_warnings

@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 import numpy as np
 
-from tsmblocks.common import units
+from tsmblocks.common import displayed_units
 from tsmblocks.common.frames import frame, optional_library
 from tsmblocks.common.tables import columns, few, line_width
 from tsmblocks.common.views import view
@@ -112,7 +112,7 @@ class Tuned:
     @property
     def _change(self) -> str:
         """The objective in the worst case, before and after, as text."""
-        k, unit = units.display_unit(self.units[self.objective])
+        k, unit = displayed_units.display_unit(self.units[self.objective])
         before, after = self.worst
         return f"{heading(named(self.objective)[0], unit)} {k * before:.4g} -> {k * after:.4g}"
 
@@ -170,7 +170,7 @@ class Tuned:
         str
             The text.
         """
-        k, unit = units.display_unit(self.units[name])
+        k, unit = displayed_units.display_unit(self.units[name])
         limits = (one for one in self.limits if one.name == name)
         most = [f"{'at most' if one.sign > 0 else 'at least'} {k * one.most:.4g}" for one in limits]
         return ", ".join([heading(named(name)[0], unit), *most])
@@ -259,7 +259,7 @@ class Tuned:
 
     def _shown(self, name: str, value: float) -> str:
         """A metric or margin in a table."""
-        k, _ = units.display_unit(self.units[name])
+        k, _ = displayed_units.display_unit(self.units[name])
         return "none" if any(one.name == name and one.is_none(value) for one in self.limits) else f"{k * value:.4g}"
 
     def _measured(self) -> list[tuple[str, ...]]:
