@@ -8,8 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Gain
+from tsmblocks.blocks import FirstOrderLag, Gain
+from tsmblocks.diagnosis import screening
 from tsmblocks.diagnosis.fitted_candidate import NO_INSTANTS
+from tsmblocks.diagnosis.own_instants import for_each
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.trials import LONGEST_INTERVAL, Scales, Span, Trials, interval_trials
 from tsmblocks.model.diagram import Diagram
@@ -215,3 +217,38 @@ def test_a_change_that_does_not_end_within_the_recording_is_not_temporary(ends):
     (effect,) = found.effects
     size = next(iter(effect.sizes.values()))
     assert ("until" in effect.sizes, size.low < 0.4 < size.high) == (ends, True)
+
+
+def test_an_interval_is_what_begins_less_what_begins_later(monkeypatch):
+    """Intervals are screened by the simulations of their instants: in a linear plant that is exact."""
+    compared, usual = [], screening._Screening._of_intervals
+
+    def checked(one):
+        found = usual(one)
+        if found is not None:
+            names, own = one.problem.unknowns.experiments, one.candidate.effect.local if one.owns_shapes else ()
+            each = one._changes_at([for_each(shape, own, names) for shape in one.candidate.trials.shapes])
+            compared.append(np.abs(found - each).max() / np.abs(each).max())
+        return found
+
+    monkeypatch.setattr(screening._Screening, "_of_intervals", checked)
+    t = np.arange(0.0, 60.0, 0.1)
+    u = np.sin(0.7 * t) + 0.5 * np.sin(2.3 * t + 1.0)
+    plant = Diagram(blocks={"lag": FirstOrderLag(time_constant=0.5)}, inputs={"u": "lag"}, outputs={"y": "lag"})
+    y = tsm.simulate(plant, inputs={"u": (t, u)}, stop=t[-1], step=t[1])["y"]
+    noise = 0.1 * np.random.default_rng(3).standard_normal((2, len(t)))
+    records = [tsm.Record(name, t, {"u": u, "y": y + own}, {}) for name, own in zip("ab", noise, strict=True)]
+    tsm.diagnose(plant, records, effects=["jump"])
+    assert len(compared) >= 4
+    assert max(compared) < 1e-9
+
+
+def test_the_shapes_that_do_not_end():
+    trials = interval_trials(SCALES, {"size": 1.0})
+    begun = trials.without_end
+    assert {one["time"] for one in begun} == {one[k] for one in trials.shapes for k in ("time", "until")}
+    assert {one["until"] for one in begun} == {SCALES.stop}
+    assert attrs.evolve(trials, refine="time").without_end == ()
+    assert attrs.evolve(trials, bounds={}).without_end == ()
+    more = tuple({**one, "softness": 0.1} for one in trials.shapes)
+    assert attrs.evolve(trials, shapes=more).without_end == ()

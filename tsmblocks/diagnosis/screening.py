@@ -136,7 +136,7 @@ class _Screening:
     def of_all(self, noise: np.ndarray) -> tuple[list[ShapeTrial], list[ShapeTrial]]:
         """Every shape, with gains in surrogates; and the best ones of finer and finer grids."""
         trials = self.candidate.trials
-        found = coarse = self.evaluated(trials.shapes, noise)
+        found = coarse = self.evaluated(trials.shapes, noise, self._of_intervals())
         for name in trials.refine * self._refinements:
             found = [*found, *self.evaluated(_between(found, name))]
             found = sorted(found, key=lambda one: -one.gain)[: 2 * REFINEMENT_SHAPES]
@@ -146,7 +146,7 @@ class _Screening:
         """The shape that has the best instant of each experiment, with gains in surrogates; and that of finer grids."""
         trials, names = self.candidate.trials, self.problem.unknowns.experiments
         shapes = [for_each(one, self.candidate.effect.local, names) for one in trials.shapes]
-        found = coarse = self._chosen(shapes, noise)
+        found = coarse = self._chosen(shapes, noise, self._of_intervals())
         distance = self._interval
         for _ in range(self._refinements):
             steps = [distance * k / (REFINEMENT_SHAPES + 1) for k in range(-REFINEMENT_SHAPES, REFINEMENT_SHAPES + 1)]
@@ -170,11 +170,13 @@ class _Screening:
         needed = math.log(max(self._interval / self.candidate.transition_time, 1.0), REFINEMENT_SHAPES + 1)
         return min(math.ceil(needed), REFINEMENT_ROUNDS)
 
-    def _chosen(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> ShapeTrial:
+    def _chosen(
+        self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None, changes: np.ndarray | None = None
+    ) -> ShapeTrial:
         """The trial that has of each experiment the shape with the largest gain there."""
         strengths, names = self.candidate.trials.strengths, self.problem.unknowns.experiments
-        sets = [self._unknowns_at({**shape, name: size}) for shape in shapes for name, size in strengths.items()]
-        changes, owner, k = self._changes(sets), self._owner, len(strengths)
+        changes = self._changes_at(shapes) if changes is None else changes
+        owner, k = self._owner, len(strengths)
         products, best, z = [], [], np.empty((len(changes), k, len(names)))
         for e in range(len(names)):  # one after another: for memory
             one = np.where(owner[:, None] == e, changes, 0.0)
@@ -184,10 +186,30 @@ class _Screening:
         (found,) = self._sized_trials([joined(shapes, best, names)], z.reshape(len(z), -1), None)
         return found if noise is None else attrs.evolve(found, noise_gains=noise_gains(products))
 
-    def evaluated(self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None) -> list[ShapeTrial]:
-        """Every shape with its optimum size, and with its gains in the surrogates ``noise`` (N, D)."""
+    def _changes_at(self, shapes: Sequence[Mapping[str, float]]) -> np.ndarray:
+        """Changes (N, shapes times sizes) of the outputs at every shape with each of the trial sizes."""
         single = [{name: size} for name, size in self.candidate.trials.strengths.items()] or [{}]
-        changes = self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
+        return self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
+
+    def _of_intervals(self) -> np.ndarray | None:
+        """The changes at the shapes of a change that ends again; None of another one.
+
+        From one instant to another it is, to first order, what begins at the one less what begins at the other. So its
+        many intervals need the simulations of their few instants.
+        """
+        trials, own = self.candidate.trials, self.candidate.effect.local if self.owns_shapes else ()
+        if not (steps := trials.without_end):
+            return None
+        changes = self._changes_at([for_each(one, own, self.problem.unknowns.experiments) for one in steps])
+        first, last = trials.refine
+        begun = dict(zip((one[first] for one in steps), np.split(changes, len(steps), axis=1), strict=True))
+        return np.concatenate([begun[one[first]] - begun[one[last]] for one in trials.shapes], axis=1)
+
+    def evaluated(
+        self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None, changes: np.ndarray | None = None
+    ) -> list[ShapeTrial]:
+        """Every shape with its optimum size, and with its gains in the surrogates ``noise`` (N, D)."""
+        changes = self._changes_at(shapes) if changes is None else changes
         if not self.candidate.local:
             return self._sized_trials(shapes, changes, noise)
         parts = np.split(changes, len(shapes), axis=1)  # one after another: each experiment has separate sizes

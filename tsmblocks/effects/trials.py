@@ -124,6 +124,19 @@ class Trials:
     refine: tuple[str, ...] = attrs.field(default=(), converter=_names)
     held_first: tuple[str, ...] = ()
 
+    @property
+    def without_end(self) -> tuple[Mapping[str, float], ...]:
+        """For a change that ends again, one shape for each of its instants: it begins there and does not end.
+
+        Empty for another change, and where there are further shape parameters, or no last instant is known.
+        """
+        shape, instants = set(self.shapes[0]), set(self.refine)
+        end = self.bounds.get(self.refine[-1], (None, None))[1] if len(instants) > 1 and shape == instants else None
+        if end is None:
+            return ()
+        first, last = self.refine
+        return tuple({first: at, last: end} for at in sorted({one[k] for one in self.shapes for k in instants}))
+
     def with_bounds(self, more: Mapping[str, tuple[float | None, float | None]]) -> Trials:
         """Return the same trial values with further bounds.
 
