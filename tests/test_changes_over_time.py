@@ -239,7 +239,7 @@ def test_an_interval_is_what_begins_less_what_begins_later(monkeypatch):
     noise = 0.1 * np.random.default_rng(3).standard_normal((2, len(t)))
     records = [tsm.Record(name, t, {"u": u, "y": y + own}, {}) for name, own in zip("ab", noise, strict=True)]
     tsm.diagnose(plant, records, effects=["jump"])
-    assert len(compared) >= 4
+    assert len(compared) >= 2
     assert max(compared) < 1e-9
 
 
