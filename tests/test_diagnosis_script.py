@@ -2,15 +2,16 @@
 
 import json
 import math
+from types import SimpleNamespace
 
 import attrs
 import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.blocks import Bias, FirstOrderLag, Gain
+from tsmblocks.blocks import Bias, FirstOrderLag, Gain, GainChange, TemporaryGain
 from tsmblocks.diagnosis import script
-from tsmblocks.diagnosis.cautions import INCOMPLETE, MAYBE, do_not_carry_over, taken_over
+from tsmblocks.diagnosis.cautions import INCOMPLETE, MAYBE, changes_in_a_row, do_not_carry_over, taken_over
 from tsmblocks.diagnosis.insertion_point import InsertionPoint
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model_difference import in_code
@@ -311,6 +312,19 @@ def test_an_effect_that_takes_the_place_of_a_block_of_the_model_is_told():
     (said,) = taken_over(fit, [names[1]])
     assert said.startswith(f"{names[0]}.time_constant went to zero beside {names[1]}, which takes its place:")
     assert taken_over(fit, [names[0]]) == []
+
+
+def test_two_changes_of_one_signal_over_time_are_doubted():
+    """A coil that heats was named one whose gain changes suddenly, twice."""
+    blocks = {"coil": Gain(gain=2.0), "one": GainChange(change=0.02), "two": TemporaryGain(change=-0.01)}
+    ends = {"inputs": {"u": "coil"}, "outputs": {"y": "two"}}
+    row = SimpleNamespace(diagram=tsm.Diagram(blocks=blocks, wires=["coil -> one -> two"], **ends))
+    (said,) = changes_in_a_row(row, ["one", "two"])
+    assert said.startswith("one and two change one signal over time:")
+    assert changes_in_a_row(row, ["two"]) == []
+    ends["inputs"] = {"u": "one"}
+    apart = SimpleNamespace(diagram=tsm.Diagram(blocks=blocks, wires=["one -> coil -> two"], **ends))
+    assert changes_in_a_row(apart, ["one", "two"]) == []
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,18 @@ from collections.abc import Collection, Mapping
 import attrs
 import numpy as np
 
+from tsmblocks.blocks import changes
 from tsmblocks.common.tables import listed
 from tsmblocks.diagnosis.partition import PIECE_SEPARATOR, experiment_of
+from tsmblocks.diagnosis.signal_paths import source_of
 from tsmblocks.fitting.identifiability import NO_INFLUENCE, UNCERTAIN
 from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.text import estimate_cautions, tangled
 
+OF_TIME = (changes.GainChange, changes.GainDrift, changes.SettlingGain, changes.TemporaryGain, changes.Jump)
+OF_TIME += (changes.Drift, changes.SettlingOffset, changes.TemporaryOffset)
+"""Blocks that change a signal over time."""
 MAX_STATE_CAUTIONS = 2
 """Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
 
@@ -67,6 +72,22 @@ def taken_over(fit: Fit, effects: Collection[str]) -> list[str]:
     return said
 
 
+def changes_in_a_row(fit: Fit, effects: Collection[str]) -> list[str]:
+    """A caution where one change over time follows another on a signal: both may be parts of a change of another form.
+
+    ``effects`` are the names of the blocks that were added. A coil whose resistance rises with the heat of its current
+    is nearly one whose gain changes twice.
+    """
+    changing = {name for name in effects if isinstance(fit.diagram.blocks.get(name), OF_TIME)}
+    sources = {name: source_of(fit.diagram, f"{name}.u").partition(".")[0] for name in changing}
+    pairs = [(before, name) for name, before in sources.items() if before in changing]
+    return [
+        f"{before} and {name} change one signal over time: together they may be a change of another form, gradual or "
+        "caused by what was not recorded, whose instants they are not."
+        for before, name in pairs
+    ]
+
+
 def cautions(fit: Fit, across: Mapping[str, float | None], complete: bool = True) -> list[str]:
     """Cautions on effects and estimates, a sentence each; initial states in one if many, or of pieces.
 
@@ -78,7 +99,12 @@ def cautions(fit: Fit, across: Mapping[str, float | None], complete: bool = True
     pieces = any(PIECE_SEPARATOR in name for name in _states(fit))
     few = len(every) - len(others) <= MAX_STATE_CAUTIONS and not pieces
     estimates = every if few else [*others, *_on_states(fit)]
-    first = [*taken_over(fit, across), *do_not_carry_over(across), *([] if complete else [INCOMPLETE])]
+    first = [
+        *taken_over(fit, across),
+        *changes_in_a_row(fit, across),
+        *do_not_carry_over(across),
+        *([] if complete else [INCOMPLETE]),
+    ]
     return [*first, *estimates, *beyond_range(fit)]
 
 
