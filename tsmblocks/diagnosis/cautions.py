@@ -17,9 +17,9 @@ from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.text import estimate_cautions, tangled
 
-OF_TIME = (changes.GainChange, changes.GainDrift, changes.SettlingGain, changes.TemporaryGain, changes.Jump)
-OF_TIME += (changes.Drift, changes.SettlingOffset, changes.TemporaryOffset)
-"""Blocks that change a signal over time."""
+OF_GAIN = (changes.GainChange, changes.GainDrift, changes.SettlingGain, changes.TemporaryGain)
+OF_TIME = (*OF_GAIN, changes.Jump, changes.Drift, changes.SettlingOffset, changes.TemporaryOffset)
+"""Blocks that change a gain, and any signal, over time."""
 MAX_STATE_CAUTIONS = 2
 """Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
 
