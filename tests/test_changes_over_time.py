@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import tsmblocks as tsm
-from tsmblocks.blocks import FirstOrderLag, Gain
+from tsmblocks.blocks import FirstOrderLag, Gain, Integrator, Sum
 from tsmblocks.diagnosis import screening
 from tsmblocks.diagnosis.fitted_candidate import NO_INSTANTS
 from tsmblocks.diagnosis.own_instants import for_each
@@ -252,3 +252,37 @@ def test_the_shapes_that_do_not_end():
     assert attrs.evolve(trials, bounds={}).without_end == ()
     more = tuple({**one, "softness": 0.1} for one in trials.shapes)
     assert attrs.evolve(trials, shapes=more).without_end == ()
+
+
+def test_a_coil_whose_resistance_rises_with_its_heat():
+    """Before there was such a form, it was a resistance that changed suddenly, and another time for a while."""
+    t = np.arange(0.0, 40.0, 0.02)
+
+    def voltage(s):
+        return 4.0 * np.sin(0.9 * s) + 2.0 * np.sin(4.1 * s + 0.5) + (2.0 if s > 15.0 else 0.0)
+
+    def rates(s, x):
+        current, heat = x
+        return [(voltage(s) - 2.0 * (1 + 0.05 * heat) * current) / 0.4, (current**2 - heat) / 6.0]
+
+    done = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-9, max_step=0.05).y[0]
+    coil = Diagram(
+        blocks={
+            "left": Sum(signs="+-"),
+            "coil": Integrator(gain=2.2, unit="A"),
+            "resistance": Gain(gain=2.1, unit="V"),
+        },
+        wires=["left -> coil -> resistance -> left.minus"],
+        inputs={"u": tsm.Inlet("left.plus", "V")},
+        outputs={"i": "coil"},
+    )
+    noise = 0.02 * np.random.default_rng(8).standard_normal(len(t))
+    u = np.array([voltage(s) for s in t])
+    record = tsm.Record("cold", t, {"u": u, "i": done + noise}, {"u": "V", "i": "A"})
+    found = tsm.diagnose(coil, record, effects=RIVALS)
+    (one,) = found.effects
+    assert (one.name, one.wire) == ("parameter_change", "coil.y -> resistance.u")
+    assert "+ parameter_change = HeatedGain(" in str(found)
+    change, time = one.sizes.values()
+    assert change.low < 5.0 * np.mean(done**2) < change.high
+    assert time.low < 6.0 < time.high

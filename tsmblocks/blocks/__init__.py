@@ -21,6 +21,7 @@ from tsmblocks.blocks.changes import Disturbance as Disturbance
 from tsmblocks.blocks.changes import Drift as Drift
 from tsmblocks.blocks.changes import GainChange as GainChange
 from tsmblocks.blocks.changes import GainDrift as GainDrift
+from tsmblocks.blocks.changes import HeatedGain as HeatedGain
 from tsmblocks.blocks.changes import Jump as Jump
 from tsmblocks.blocks.changes import SettlingGain as SettlingGain
 from tsmblocks.blocks.changes import SettlingOffset as SettlingOffset

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from tsmblocks.model.block import Block, Input, Output, block, parameter
+from tsmblocks.model.block import Block, Input, Output, block, parameter, state
 
 
 def after(t: Any, time: Any, width: Any) -> Any:
@@ -152,6 +152,30 @@ class SettlingGain(Block):
 
     def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
         return dict(y=u.u + self.change * (settled(t, self.since, self.time_constant) * u.u))
+
+
+@block
+class HeatedGain(Block):
+    r"""A gain that changes with the heat that its signal makes: the resistance of a coil, the force of a magnet.
+
+    .. math:: y = u (1 + c \theta), \qquad T \dot\theta = (u/s)^2 - \theta
+    """
+
+    source = "definition; one thermal mass that loses heat in proportion to its temperature"
+    symbol = "gain(u²)"
+
+    change: float = parameter(default=0.0, about="change of the gain, of 1, where the signal stays at its scale")
+    scale: float = parameter(default=1.0, about="signal s that heats to a temperature of 1", unit="?u", above=0.0)
+    time_constant: float = parameter(default=10.0, about="thermal time constant T", unit="s", above=0.0)
+    u = Input("any signal", unit="?u")
+    y = Output("the signal times the present gain", unit="?u")
+    heat: float = state(default=0.0, about="temperature above the surroundings, 1 where the signal stays at its scale")
+
+    def derivatives(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(heat=((u.u / self.scale) ** 2 - x.heat) / self.time_constant)
+
+    def outputs(self, t: Any, x: Any, u: Any) -> dict[str, Any]:
+        return dict(y=u.u + self.change * (x.heat * u.u))
 
 
 @block

@@ -17,7 +17,7 @@ from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.text import estimate_cautions, tangled
 
-OF_GAIN = (changes.GainChange, changes.GainDrift, changes.SettlingGain, changes.TemporaryGain)
+OF_GAIN = (changes.GainChange, changes.GainDrift, changes.SettlingGain, changes.HeatedGain, changes.TemporaryGain)
 OF_TIME = (*OF_GAIN, changes.Jump, changes.Drift, changes.SettlingOffset, changes.TemporaryOffset)
 """Blocks that change a gain, and any signal, over time."""
 MAX_STATE_CAUTIONS = 2

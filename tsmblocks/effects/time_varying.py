@@ -1,19 +1,29 @@
-"""Effects of time: drift, jumps, parameter changes, creep, periodic disturbances; and limits of the rate."""
+"""Effects of time: drift, jumps, creep, periodic disturbances; and limits of the rate."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import attrs
 
 from tsmblocks import blocks
 from tsmblocks.effects.effect import Effect
 from tsmblocks.effects.friction import CHANGES
-from tsmblocks.effects.sizes import MINUTE, PERCENT, UNTIL, Size, in_proportion, wave
+from tsmblocks.effects.gain_changes import GAIN_CHANGES
+from tsmblocks.effects.over_time import (
+    AT,
+    FROM_AND_UNTIL,
+    INTERVAL,
+    TIME_CONSTANT,
+    duration,
+    settling_trials,
+    time_origin,
+)
+from tsmblocks.effects.sizes import MINUTE, PERCENT, Size, in_proportion, wave
 from tsmblocks.effects.trials import Scales, Trials, instant_trials, interval_trials
-from tsmblocks.effects.variants import across, in_front, of_element, on_branch, separate
+from tsmblocks.effects.variants import in_front, separate
 
 NO_LIMIT = 1e12
 """A rate that no signal reaches. Chosen: finite, since an infinite rate times a step of zero is NaN."""
@@ -22,40 +32,10 @@ LEAST_PERIODS = 2
 """Periods of a disturbance that a session holds, at least. Derived: a longer period and a drift are
 indistinguishable."""
 
-SLOWEST_SETTLING = 1.5
-"""Longest time constant of a change that settles [duration]. Derived: 51 % of it is left to come at the end; the
-quadratic part of a slower one is small, and it is indistinguishable from a steady drift."""
-
-
-def _time_origin(scales: Scales) -> dict[str, float]:
-    """Time counted from the first sample: from an earlier origin, a drift would include an offset."""
-    return {"since": scales.start}
-
-
-def _duration(scales: Scales) -> float:
-    return max(scales.stop - scales.start, scales.step)
-
 
 def _drift_trials(scales: Scales) -> Trials:
-    length, size = _duration(scales), 0.02 * scales.wire.reach
-    return Trials({"rate": size / length, "curve": size / length**2}, fixed=_time_origin(scales))
-
-
-def _settling_trials(size: Callable[[Scales], Mapping[str, float]], scales: Scales) -> Trials | None:
-    """Trial values of a change that settles within the recording, or within each where they share no clock."""
-    length = _duration(scales) if scales.one_clock else scales.shortest
-    fastest, slowest = 20 * scales.step, SLOWEST_SETTLING * length
-    times = [time for time in (0.03 * length, 0.1 * length, 0.3 * length) if fastest <= time]
-    if not times:
-        return None
-    shapes = tuple({"time_constant": time} for time in times)
-    return Trials(size(scales), shapes, _time_origin(scales), {"time_constant": (fastest, slowest)})
-
-
-def _loop_change_trials(scales: Scales) -> Trials:
-    size = {"change": 0.03 * scales.wire.reach, "gain": 0.03}
-    result = instant_trials(scales, size, {"distance": 0.15 * scales.wire.reach})
-    return result.with_bounds({"distance": (0.01 * scales.wire.reach, scales.wire.reach), "z": (-1.0, 1.0)})
+    length, size = duration(scales), 0.02 * scales.wire.reach
+    return Trials({"rate": size / length, "curve": size / length**2}, fixed=time_origin(scales))
 
 
 def _creep_trials(scales: Scales) -> Trials | None:
@@ -75,13 +55,13 @@ def _broad_creep_trials(scales: Scales) -> Trials | None:
 
 
 def _periodic_trials(scales: Scales) -> Trials | None:
-    slowest = LEAST_PERIODS / _duration(scales)
+    slowest = LEAST_PERIODS / duration(scales)
     frequencies = tuple({"frequency": f} for f in scales.lines if slowest <= f)
     if not frequencies:
         return None
     fastest = max(scales.lines) + slowest  # clear of a line at half of the sampling rate
     size, bounds = 0.01 * (scales.wire.reach or 1.0), {"frequency": (slowest, fastest)}
-    return Trials({"cosine": size, "sine": size}, frequencies, _time_origin(scales), bounds)
+    return Trials({"cosine": size, "sine": size}, frequencies, time_origin(scales), bounds)
 
 
 def _rate_limit_trials(scales: Scales) -> Trials:
@@ -100,22 +80,11 @@ def _soft_rate_limit_trials(scales: Scales) -> Trials:
 
 def _whole_drift(p: Mapping[str, float], scales: Scales) -> float:
     """The drift from the first sample to the last."""
-    length = _duration(scales)
+    length = duration(scales)
     return p["rate"] * length + p["curve"] * length**2
 
 
-TIME_CONSTANT = in_proportion("time constant", "time_constant", "s")
-FROM_AND_UNTIL = in_proportion("from", "time", "s"), in_proportion(UNTIL, "until", "s")
-INTERVAL = ("time", "until")
-"""The instants of a change that ends again."""
-AT = in_proportion("time", "time", "s")
 CREPT = in_proportion("share of creep", "share", "%", PERCENT)
-CHANGE_OF_GAIN = in_proportion("change of the gain", "change", "%", PERCENT)
-
-
-_CHANGE_OF_GAIN_TOO = in_proportion("change of the gain", "gain", "%", PERCENT)
-
-
 DRIFT = Effect(
     "drift",
     "time",
@@ -134,7 +103,7 @@ STEADY_DRIFT = attrs.evolve(
     DRIFT,
     null={"rate": 0.0},
     free=("rate",),
-    trials=lambda scales: Trials({"rate": 0.02 * scales.wire.reach / _duration(scales)}, fixed=_time_origin(scales)),
+    trials=lambda scales: Trials({"rate": 0.02 * scales.wire.reach / duration(scales)}, fixed=time_origin(scales)),
     variant="steady",
 )
 SETTLING_OFFSET = attrs.evolve(
@@ -143,7 +112,7 @@ SETTLING_OFFSET = attrs.evolve(
     block=blocks.SettlingOffset(),
     null={"size": 0.0},
     free=("size", "time_constant"),
-    trials=functools.partial(_settling_trials, lambda scales: {"size": 0.02 * scales.wire.reach}),
+    trials=functools.partial(settling_trials, lambda scales: {"size": 0.02 * scales.wire.reach}),
     variant="settling",
     within=("time_constant",),
     sizes=(in_proportion("offset in the end", "size"), TIME_CONSTANT),
@@ -193,68 +162,6 @@ TEMPORARY_LOAD = attrs.evolve(TEMPORARY_OFFSET, words="a temporary load", place=
 TEMPORARY_FLOW = attrs.evolve(
     TEMPORARY_OFFSET, words="a temporary flow (or force)", place="balance", variant="balance, temporary"
 )
-GAIN_CHANGE = Effect(
-    "parameter_change",
-    "time",
-    "a sudden change of the gain",
-    "output",
-    blocks.GainChange(),
-    {"change": 0.0},
-    ("change", "time"),
-    lambda scales: instant_trials(scales, {"change": 0.05}, {}),
-    excites="the same inputs before and after it",
-    confused=("drift", "jump", "creep"),
-    separates="the same experiment before and after",
-    variant="gain",
-    sizes=(CHANGE_OF_GAIN, AT),
-)
-GAIN_DRIFT = attrs.evolve(
-    GAIN_CHANGE,
-    words="a gain that drifts",
-    block=blocks.GainDrift(),
-    null={"rate": 0.0},
-    free=("rate",),
-    trials=lambda scales: Trials({"rate": 0.05 / _duration(scales)}, fixed=_time_origin(scales)),
-    variant="drift",
-    sizes=(
-        in_proportion("drift of the gain", "rate", "%/min", PERCENT * MINUTE),
-        Size("over the shortest recording", lambda p, scales: PERCENT * p["rate"] * scales.shortest, "%"),
-    ),
-)
-TEMPORARY_GAIN = attrs.evolve(
-    GAIN_CHANGE,
-    words="a temporary change of the gain",
-    block=blocks.TemporaryGain(),
-    free=("change", *INTERVAL),
-    trials=lambda scales: interval_trials(scales, {"change": 0.05}),
-    variant="temporary",
-    sizes=(CHANGE_OF_GAIN, *FROM_AND_UNTIL),
-)
-GAIN_SETTLING = attrs.evolve(
-    GAIN_CHANGE,
-    words="a gain that changes and settles (warm-up)",
-    block=blocks.SettlingGain(),
-    free=("change", "time_constant"),
-    trials=functools.partial(_settling_trials, lambda _: {"change": 0.05}),
-    variant="settling",
-    within=("time_constant",),
-    sizes=(CHANGE_OF_GAIN, TIME_CONSTANT),
-)
-GAIN_CHANGE_OF_INPUT = attrs.evolve(in_front(GAIN_CHANGE), variant="input, gain")
-GAIN_CHANGE_OF_DRIVE = attrs.evolve(
-    GAIN_CHANGE, words="a sudden change of the drive, or of the mass that it moves", place="drive", variant="drive"
-)
-LOOP_CHANGE = attrs.evolve(
-    GAIN_CHANGE,
-    words="a sudden change of the gain and the hysteresis",
-    block=blocks.LoopChange(),
-    null={"change": 0.0, "gain": 0.0},
-    free=("change", "gain", "distance", "time"),
-    trials=_loop_change_trials,
-    variant="hysteresis",
-    sizes=(Size("change of the loop's width", lambda p, _: -2 * p["change"]), _CHANGE_OF_GAIN_TOO, AT),
-)
-LOOP_CHANGE_OF_INPUT = across(LOOP_CHANGE, "loop", "hysteresis, by the input")
 CREEP = Effect(
     "creep",
     "time",
@@ -330,36 +237,7 @@ EFFECTS = (
     separate(TEMPORARY_LOAD, *INTERVAL),
     TEMPORARY_FLOW,
     separate(TEMPORARY_FLOW, *INTERVAL),
-    GAIN_CHANGE,
-    separate(GAIN_CHANGE, "time"),
-    GAIN_CHANGE_OF_INPUT,
-    separate(GAIN_CHANGE_OF_INPUT, "time"),
-    GAIN_CHANGE_OF_DRIVE,
-    separate(GAIN_CHANGE_OF_DRIVE, "time"),
-    on_branch(GAIN_CHANGE),
-    separate(on_branch(GAIN_CHANGE), "time"),
-    of_element(GAIN_CHANGE),
-    separate(of_element(GAIN_CHANGE), "time"),
-    of_element(GAIN_DRIFT),
-    separate(of_element(GAIN_DRIFT)),
-    of_element(GAIN_SETTLING),
-    GAIN_DRIFT,
-    separate(GAIN_DRIFT),
-    attrs.evolve(in_front(GAIN_DRIFT), variant="input, drift"),
-    on_branch(GAIN_DRIFT),
-    separate(on_branch(GAIN_DRIFT)),
-    TEMPORARY_GAIN,
-    separate(TEMPORARY_GAIN, *INTERVAL),
-    on_branch(TEMPORARY_GAIN),
-    separate(on_branch(TEMPORARY_GAIN), *INTERVAL),
-    GAIN_SETTLING,
-    separate(GAIN_SETTLING),
-    attrs.evolve(in_front(GAIN_SETTLING), variant="input, settling"),
-    on_branch(GAIN_SETTLING),
-    LOOP_CHANGE,
-    separate(LOOP_CHANGE, "time"),
-    LOOP_CHANGE_OF_INPUT,
-    separate(LOOP_CHANGE_OF_INPUT, "loop.time"),
+    *GAIN_CHANGES,
     *CHANGES,
     CREEP,
     attrs.evolve(

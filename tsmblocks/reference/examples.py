@@ -34,6 +34,7 @@ SET: dict[str, dict[str, Any]] = {
     "Gain": dict(gain=2.0),
     "GainChange": dict(change=0.3, time=5.0),
     "GainDrift": dict(rate=0.03),
+    "HeatedGain": dict(change=0.3, time_constant=2.0),
     "SettlingGain": dict(change=0.3, time_constant=3.0),
     "SettlingOffset": dict(size=0.3, time_constant=3.0),
     "TemporaryGain": dict(change=0.3, time=4.0, until=7.0),

@@ -107,6 +107,9 @@ BENDING: list[Make] = [
     lambda r: B.GainChange(change=_either(r, 0, 1), time=_some(r, 0.1, 0.4), width=_some(r, 0.02, 0.2)),
     lambda r: B.SettlingOffset(size=_either(r, 0, 1), time_constant=_some(r, 0.1, 2), since=_some(r, 0, 0.3)),
     lambda r: B.SettlingGain(change=_either(r, 0, 1), time_constant=_some(r, 0.1, 2), since=_some(r, 0, 0.3)),
+    lambda r: B.HeatedGain(
+        change=_either(r, 0, 1), scale=_some(r, 0.5, 2), time_constant=_some(r, 0.1, 2), heat=_either(r, 0, 1)
+    ),
     lambda r: B.TemporaryOffset(
         size=_either(r, 0, 1), time=_some(r, 0.1, 0.3), until=_some(r, 0.2, 0.5), width=_some(r, 0.02, 0.2)
     ),

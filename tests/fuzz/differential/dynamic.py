@@ -19,6 +19,11 @@ law(
     rates={"value": lambda b, t, x, u: (b.gain * u.u - x.value) / b.time_constant},
 )
 law(
+    "HeatedGain",
+    lambda b, t, x, u: u.u * (1 + b.change * x.heat),
+    rates={"heat": lambda b, t, x, u: ((u.u / b.scale) ** 2 - x.heat) / b.time_constant},
+)
+law(
     "SecondOrderLag",
     lambda b, t, x, u: x.value,
     rates={
