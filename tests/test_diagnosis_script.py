@@ -15,10 +15,12 @@ from tsmblocks.diagnosis.cautions import INCOMPLETE, MAYBE, changes_in_a_row, do
 from tsmblocks.diagnosis.insertion_point import InsertionPoint
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model_difference import in_code
-from tsmblocks.diagnosis.presentation import fitted_rms, output_traces
+from tsmblocks.diagnosis.presentation import fitted_rms, open_scale, output_traces
 from tsmblocks.diagnosis.script import MAX_INLINE_EXPERIMENTS, diagram_source, literal, script_lines
+from tsmblocks.diagnosis.verdict_text import verdict_sentence
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.effect import PLACES
+from tsmblocks.fitting.identifiability import Undetermined
 from tsmblocks.fitting.text import cautions
 
 T = np.arange(0.0, 6.0, 0.02)
@@ -325,6 +327,21 @@ def test_two_changes_of_one_signal_over_time_are_doubted():
     ends["inputs"] = {"u": "one"}
     apart = SimpleNamespace(diagram=tsm.Diagram(blocks=blocks, wires=["one -> coil -> two"], **ends))
     assert changes_in_a_row(apart, ["one", "two"]) == []
+
+
+def test_a_size_in_proportion_to_what_is_not_determined_is_said(found):
+    """Before, a friction was given to 2 % beside a scale of the force that could have been any."""
+    (segment,), names = found.segments, ("gain.gain", "backlash.half_width")
+    backlash = next(one for one in segment.effects if one.name == "backlash")
+    open_one = Undetermined("combination", names, (1.0, 1.0), 0.0, "", exact=True)
+    fit = attrs.evolve(segment.fit, undetermined=(open_one,))
+    scaled = attrs.evolve(segment, fit=fit)
+    assert open_scale(backlash, scaled) == "gain.gain"
+    said = "The size of backlash is known in proportion to gain.gain only, which these data do not determine."
+    assert said in verdict_sentence(scaled)
+    assert said not in verdict_sentence(segment)
+    for one in (attrs.evolve(open_one, exact=False), attrs.evolve(open_one, changes=(1.0, 0.01))):
+        assert open_scale(backlash, attrs.evolve(segment, fit=attrs.evolve(fit, undetermined=(one,)))) == ""
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from scipy.optimize import minimize_scalar
 
 import tsmblocks as tsm
 from tsmblocks.blocks import Gain, TransferFunction
-from tsmblocks.diagnosis.model import ModelSettings, calibrate
+from tsmblocks.diagnosis.model import ModelSettings, calibrate, nearest
 from tsmblocks.fitting.nearest import nearest_of
 from tsmblocks.fitting.optimizer import OptimizerResult
 from tsmblocks.fitting.setup import pose
@@ -104,3 +104,16 @@ def test_coefficients_of_a_transfer_function_keep_the_size_of_the_diagrams_own()
     found = np.array([fit[f"arm.{k}"].value for k in ("num[0]", "num[1]", "num[2]", "den[0]", "den[1]", "den[2]")])
     np.testing.assert_allclose(found / found[-1] * 440, (0.2, 0.5, -150.0, 1.0, 1.0, 440.0), rtol=0.05, atol=0.1)
     assert 200 < found[-1] < 800
+
+
+def test_a_diagnosis_takes_those_nearest_to_the_diagram_wherever_its_search_began():
+    """With an effect in the model it begins at the fitted base, which is not the diagram's own."""
+    elsewhere = TWICE.with_parameters({"gain.gain": 3.0, "again.gain": 0.4})
+    settings = ModelSettings(("gain.gain", "again.gain"), {"x_out": NOISE}, ("x_out",), False)
+    model = calibrate(elsewhere, LINEAR, settings)
+    found = nearest(model, TWICE.parameters)
+    gains = [found.values[k] for k in ("gain.gain", "again.gain")]
+    product = model.values["gain.gain"] * model.values["again.gain"]
+    assert gains[0] * gains[1] == pytest.approx(product, rel=1e-6)
+    assert gains == pytest.approx(nearest_gains(product), rel=1e-3)
+    assert model.values["gain.gain"] != pytest.approx(gains[0], rel=0.05)

@@ -34,7 +34,7 @@ from tsmblocks.diagnosis.exchangeable import exchange_notes
 from tsmblocks.diagnosis.forward_selection import forward_search
 from tsmblocks.diagnosis.initial_states import clip_idle_memories
 from tsmblocks.diagnosis.input_noise import correlated_noise, factor_beside, input_noise_rms, noise_left_in
-from tsmblocks.diagnosis.model import Model, ProgressCallback
+from tsmblocks.diagnosis.model import Model, ProgressCallback, nearest
 from tsmblocks.diagnosis.noise_floor import doubtful_floors, noise_level
 from tsmblocks.diagnosis.outliers import outlier_notes
 from tsmblocks.diagnosis.partition import partition
@@ -299,6 +299,7 @@ def _judged(
         count, final, left = 0, rounds[0].base, predicted
         varying = varying_factor(final, seed)
     notes = doubtful_floors(ready.floors, final.residual_rms, recorded_units(final.setup))
+    final = nearest(final, part.diagram.parameters) if count else final
     last, final = final, final if interrupted else with_plain_states(final)
     factor = factor_beside(last)
     judged = DiagnosedPart(

@@ -228,9 +228,12 @@ def with_accurate_step(model: Model, settings: ModelSettings) -> Model:
     return model
 
 
-def nearest(model: Model) -> Model:
-    """The model with the parameters nearest to where its search began, of all that leave the same residuals."""
-    (found,) = nearest_of(model.problem, model.setup, [end_at(model.problem, model.theta)])
+def nearest(model: Model, given: Mapping[str, float] | None = None) -> Model:
+    """The model with the parameters nearest to those ``given``, of all that leave the same residuals.
+
+    Without them nearest to where its search began.
+    """
+    (found,) = nearest_of(model.problem, model.setup, [end_at(model.problem, model.theta)], given=given)
     return model if found.theta is model.theta else model_at(model.problem, model.setup, found)
 
 

@@ -23,6 +23,8 @@ from tsmblocks.model.diagram import Diagram
 
 MIN_BIN_BLOCKS = 3
 """Time blocks of a bin from which the standard error of its mean is estimated. Chosen."""
+IN_PROPORTION = 0.5
+"""Change of a parameter, over the largest along a combination, from which it is in proportion to that. Chosen."""
 MAX_SIZES = 2
 """Sizes of an effect that are reported in a sentence. Chosen: all of them are in the tables."""
 LOWERED = 0.99
@@ -107,6 +109,21 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     if largest and any(parts[key][2] for key in shown[:MAX_SIZES]):
         texts[-1] += _in_experiment(largest, len(local) - len(effect.absent_in) == 1, effect.relative_to)
     return texts
+
+
+def open_scale(effect: NamedEffect, segment: Segment) -> str:
+    """The parameter of the diagram to which the size of an effect is in proportion, where the data determine neither.
+
+    Empty where they determine the size.
+    """
+    added = {one.block for one in segment.effects}
+    for one in segment.fit.undetermined if segment.fit is not None else ():
+        moved = [name for name, by in zip(one.names, one.changes, strict=True) if abs(by) >= IN_PROPORTION]
+        own = [name for name in moved if name.partition(".")[0] == effect.block]
+        others = [name for name in moved if name.partition(".")[0] not in added and "@" not in name]
+        if one.exact and own and others:
+            return others[0]
+    return ""
 
 
 def size_rows(effect: NamedEffect) -> list[tuple[str, str]]:

@@ -17,6 +17,7 @@ from tsmblocks.diagnosis.presentation import (
     floor_text,
     in_display_units,
     main_sizes,
+    open_scale,
     output_traces,
 )
 from tsmblocks.diagnosis.rejection import LEAVES_MORE, NOT_ACCEPTED
@@ -55,7 +56,7 @@ def verdict_sentence(segment: Segment) -> str:
         effects = f"Unmodelled effect{'s' if len(named) > 1 else ''}"
         possible = _also_possible(segment)
         first = "" if segment.complete else "The named effects do not explain the whole residual. "
-        possible += _nearly_as_good(segment) + _other_places(segment.effects)
+        possible += _nearly_as_good(segment) + _other_places(segment.effects) + _in_proportion(segment)
         doubt = _in_doubt(segment)
         return (
             f"{first}{effects} {between}: {listed(named, len(named))}.{_if_held(segment)} {possible} "
@@ -115,6 +116,16 @@ def _if_held(segment: Segment) -> str:
         f"{in_display_units(MILLISECONDS * one.time, 'ms')}."
         for one in segment.delays_if_held
         if not ((time := found.get(one.block)) and time.low <= one.time <= time.high)
+    )
+
+
+def _in_proportion(segment: Segment) -> str:
+    """A sentence on each effect whose size is known in proportion to a parameter that is not determined."""
+    found = {effect.block: open_scale(effect, segment) for effect in segment.effects}
+    return "".join(
+        f" The size of {block} is known in proportion to {scale} only, which these data do not determine."
+        for block, scale in found.items()
+        if scale
     )
 
 
@@ -225,7 +236,8 @@ def noise_or_model_error(segment: Segment) -> str:
 def _cause_at_inputs(segment: Segment) -> str:
     """Noise of the inputs that may be the cause of the residual; empty for none."""
     noise = [
-        f"{in_display_units(one.rms, one.unit)} rms in {one.input} ({percent(one.share) or '0 %'} of its deviation)"
+        f"{in_display_units(one.rms, one.unit)} rms in {one.input}"
+        + (f" ({100 * one.share:.2g} % of its deviation)" if np.isfinite(one.share) else "")
         for one in segment.noise_of_inputs
     ]
     if not noise:

@@ -7,7 +7,7 @@ there, since a diagram's own say nothing of a recording.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import attrs
 import numpy as np
@@ -45,18 +45,26 @@ RETURNS = 8
 
 
 def nearest_of(
-    problem: Problem, setup: Setup, ends: Sequence[OptimizerResult], tolerance: float = 0.0
+    problem: Problem,
+    setup: Setup,
+    ends: Sequence[OptimizerResult],
+    tolerance: float = 0.0,
+    given: Mapping[str, float] | None = None,
 ) -> list[OptimizerResult]:
     """Ends of searches, best first, with the one first that is moved nearest to the diagram's own parameters.
 
-    Costs that differ by up to ``tolerance`` are alike. Where the best leaves no direction open, all stay as they are.
+    These are the ``given`` ones, and no others count; without them all at which the search began. Costs that differ by
+    up to ``tolerance`` are alike. Where the best leaves no direction open, all stay as they are.
     """
+    if given is not None:
+        items = problem.unknowns.items
+        problem = problem.with_items(attrs.evolve(one, start=given.get(one.parameter, one.start)) for one in items)
     best = ends[0]
     if best.plateau is not None or best.status == "interrupted" or not _may_be_open(problem, best.theta):
         return list(ends)
     least = best.cost + max(ALIKE * best.cost, problem.rounding, tolerance)
     same = {k: _with_own_factors(problem, setup, end) for k, end in enumerate(ends) if end.cost <= least}
-    move = _Moves(problem, setup, _sizes(problem, same[0].theta, same[0].theta != best.theta))
+    move = _Moves(problem, setup, _sizes(problem, same[0].theta, same[0].theta != best.theta), given)
     alike = sorted(same, key=lambda k: (round(move.distance(same[k].theta), DIGITS), k))[:MOST_MOVED]
     moved = {k: move.to_nearest(same[k]) for k in alike}
     first = min(alike, key=lambda k: (round(move.distance(moved[k].theta), DIGITS), k))
@@ -118,12 +126,16 @@ class _Moves:
     setup: Setup
     scales: np.ndarray
     """Size of each unknown where the search began, shape (n,)."""
+    given: Collection[str] | None = None
+    """Parameters that count in the distance; None for all but initial states."""
     counted: np.ndarray = attrs.field(init=False)
     """Which unknowns count in the distance, shape (n,): all but initial states."""
 
     def __attrs_post_init__(self) -> None:
         known = numbers(self.setup.diagram)
-        self.counted = np.array([not is_start(known[k.parameter]) for k in self.problem.unknowns.items], dtype=bool)
+        names = [k.parameter for k in self.problem.unknowns.items]
+        count = (not is_start(known[k]) and (self.given is None or k in self.given) for k in names)
+        self.counted = np.fromiter(count, dtype=bool, count=len(names))
 
     def distance(self, theta: np.ndarray) -> float:
         """Distance from the diagram's own parameters, in sizes."""
