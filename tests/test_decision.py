@@ -288,4 +288,7 @@ def test_a_best_one_that_is_not_significant_gives_way_to_a_rare_effect():
     rare = stand_in(base - peak, name="rare")
     assert decide(base, [flexible], PART, 1.0, 0).named is None
     assert decide(base, [flexible, rare], PART, 1.0, 0).named is rare
+    seen = rare.model.mean_square + 0.2
+    assert decide(base, [flexible, rare], PART, 1.0, 0, in_sample=seen).named is rare
+    assert decide(base, [flexible, rare], PART, 1.0, 0, in_sample=seen - 0.15).named is None  # held out alone
     assert decide(base, [flexible, stand_in(base - peak / 3, name="small")], PART, 1.0, 0).named is None

@@ -36,6 +36,9 @@ MIN_SCATTER = 0.02
 """Scatter of the gains [noise variances] added to the measured one. Chosen: gains below it are of no interest."""
 MAD_TO_STANDARD_DEVIATION = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution. Source: 1 / Phi^-1(3/4)."""
+SEEN_IN_SAMPLE = 0.3
+"""Fall of the mean square of a fit by a rare effect, over that on held-out blocks, from which it is one. Chosen: where
+the base alone is badly determined, its error on a block held out is large, and falls with nearly any effect."""
 MIN_EXCESS = 0.05
 """Excess of the loss over the noise [noise variances] below which no effect is named. Chosen: accuracy of a floor."""
 OUT_OF_BOUNDS_MARGIN = 0.1
@@ -162,13 +165,19 @@ class Verdict:
 
 
 def decide(
-    base: np.ndarray, candidates: Sequence[FittedCandidate], blocks: TimeBlocks, noise_variance: float, seed: int
+    base: np.ndarray,
+    candidates: Sequence[FittedCandidate],
+    blocks: TimeBlocks,
+    noise_variance: float,
+    seed: int,
+    in_sample: float = np.inf,
 ) -> Verdict:
     """Name the candidate with the lowest held-out loss, if the reduction is material and statistically significant.
 
-    ``base`` (B,) are the losses without any candidate, ``noise_variance`` is the mean square of the noise. Of
-    candidates that remove nearly as much as the best, the one with the fewest parameters is named. A best one that is
-    not significant, such as a flexible one that gains in a few blocks, gives way to one that is, or to a rare effect.
+    ``base`` (B,) are the losses without any candidate, ``in_sample`` is the mean square of the base as it was fitted,
+    ``noise_variance`` that of the noise. Of candidates that remove nearly as much as the best, the one with the fewest
+    parameters is named. A best one that is not significant, such as a flexible one that gains in a few blocks, gives
+    way to one that is, or to a rare effect.
     """
     finite = [one for one in candidates if np.isfinite(one.losses).all()]
     if not finite:
@@ -183,6 +192,7 @@ def decide(
         one
         for one, gain in zip(ranking, gains, strict=True)
         if _concentrated(gain) and before - one.loss >= concentrated_size
+        if in_sample - one.model.mean_square >= SEEN_IN_SAMPLE * (before - one.loss)
         if _is_alone(one, significant, before, noise_variance)
     ]
     best, accepted = _accepted(best, significant, rare, before)

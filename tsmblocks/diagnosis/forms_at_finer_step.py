@@ -28,7 +28,8 @@ def form_at_finer_step(
     others = [k for k in one.verdict.ranking if _is_form_of(k, named)][:MAX_FORMS]
     models = [(named, model), *((k, at_optimum(k.model, search.settings)) for k in others)]
     fitted = [fitted_candidate(k.candidate, m, search.blocks, shrinkage, "") for k, m in models]
-    again = decide(one.losses, fitted, search.blocks, noise_beside(fitted, search.noise), search.settings.seed)
+    noise = noise_beside(fitted, search.noise)
+    again = decide(one.losses, fitted, search.blocks, noise, search.settings.seed, one.base.mean_square)
     return None if again.named is fitted[0] else again.named
 
 

@@ -98,7 +98,8 @@ def search_round(
     noise_variance = noise_beside(fitted, search.noise)
 
     def decided(fits: Sequence[FittedCandidate]) -> Verdict:
-        found = decide(losses[0], fits, search.blocks, noise_variance, search.settings.seed)
+        seed = search.settings.seed
+        found = decide(losses[0], fits, search.blocks, noise_variance, seed, model.mean_square)
         found = with_distances_first(found, losses[0], search.blocks, search.only_frequency)
         return nearest_first(found, search.given)
 
