@@ -135,6 +135,9 @@ def _named(
     across = None
     if diagnosed.has_several_experiments and not effect.local:
         whole_losses = [mean_loss(one.experiment_losses, diagnosed.blocks) for one in diagnosed.rounds]
+        as_named = mean_loss(diagnosed.named[k].experiment_losses, diagnosed.blocks)
+        # Held-out losses are of first order: those of the effect as it was named, or as it was refitted, may be off.
+        whole_losses[k + 1] = min(whole_losses[k + 1], as_named)
         across = min(_share_removed(whole_losses, k, diagnosed.noise_variance), 1.0)
     others = alternatives_to(diagnosed.named[k], indistinguishable)
     also = dict.fromkeys(one.candidate.effect.name for one in others)
