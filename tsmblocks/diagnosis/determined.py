@@ -8,6 +8,7 @@ import numpy as np
 
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.model import Model
+from tsmblocks.diagnosis.partition import experiment_of
 from tsmblocks.fitting.identifiability import SMALL, null_directions
 from tsmblocks.fitting.statistics import Uncertainty, uncertainty
 from tsmblocks.fitting.summary import unknown_sizes
@@ -127,7 +128,7 @@ def instants_are_determined(model: Model, candidate: Candidate, base: Model) -> 
     place = max(sizes, key=lambda name: sizes[name], default="")
     errors = uncertainty_of_effects(model, base).errors
     for k in (k for k in instants if items[k].experiment in ("", place)):
-        where = [one.t for one in experiments if items[k].experiment in ("", one.name)]
+        where = [one.t for one in experiments if items[k].experiment in ("", one.name, experiment_of(one.name))]
         low, high = model.theta[k] - INTERVAL * errors[k], model.theta[k] + INTERVAL * errors[k]
         if not (min(t[0] for t in where) < low and high < max(t[-1] for t in where)):
             return False
