@@ -42,7 +42,8 @@ def at(monkeypatch):
         monkeypatch.setattr(
             forms_at_finer_step, "decide", lambda base, some, *_: Verdict(named=min(some, key=lambda one: one.loss))
         )
-        one = SearchRound(None, np.full(3, 20.0), np.full(3, 20.0), (), Verdict(ranking=every, named=soft))
+        base = SimpleNamespace(mean_square=20.0)
+        one = SearchRound(base, np.full(3, 20.0), np.full(3, 20.0), (), Verdict(ranking=every, named=soft))
         search = SimpleNamespace(settings=SimpleNamespace(seed=0), blocks=None, noise=None)
         return one, form_at_finer_step(one, refined[id(soft.model)], {}, search)
 
