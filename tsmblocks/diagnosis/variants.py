@@ -27,7 +27,7 @@ VARIANT_WORDS = {
     "gain": "of the gain, at one instant",
     "drift": "of the gain, at a constant rate",
     "steady": "at a constant rate",
-    "heated": "with the heat that its own signal makes",
+    "heated": "by self-heating, with the square of its signal",
     "settling": "building up and settling, as of something that warms up",
     "temporary": "from one instant to another",
     "balance": "on the wire that fills or heats what is measured",

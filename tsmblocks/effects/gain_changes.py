@@ -91,7 +91,7 @@ GAIN_SETTLING = attrs.evolve(
 )
 GAIN_HEATED = attrs.evolve(
     GAIN_SETTLING,
-    words="a gain that changes with the heat of its own signal (warm-up)",
+    words="a gain that changes with self-heating",
     block=blocks.HeatedGain(),
     trials=_heating_trials,
     excites="high power for longer than the warm-up takes, after a start from cold",
