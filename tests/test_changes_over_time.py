@@ -11,7 +11,6 @@ import tsmblocks as tsm
 from tsmblocks.blocks import FirstOrderLag, Gain, Integrator, Sum
 from tsmblocks.diagnosis import screening
 from tsmblocks.diagnosis.fitted_candidate import NO_INSTANTS
-from tsmblocks.diagnosis.own_instants import for_each
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.trials import LONGEST_INTERVAL, Scales, Span, Trials, interval_trials
 from tsmblocks.model.diagram import Diagram
@@ -221,17 +220,16 @@ def test_a_change_that_does_not_end_within_the_recording_is_not_temporary(ends):
 
 def test_an_interval_is_what_begins_less_what_begins_later(monkeypatch):
     """Intervals are screened by the simulations of their instants: in a linear plant that is exact."""
-    compared, usual = [], screening._Screening._of_intervals
+    compared, usual = [], screening._Screening._coarse_changes
 
     def checked(one):
         found = usual(one)
-        if found is not None:
-            names, own = one.problem.unknowns.experiments, one.candidate.effect.local if one.owns_shapes else ()
-            each = one._changes_at([for_each(shape, own, names) for shape in one.candidate.trials.shapes])
+        if one.candidate.trials.without_end:
+            each = one._changes_at(one._in_each(one.candidate.trials.shapes))
             compared.append(np.abs(found - each).max() / np.abs(each).max())
         return found
 
-    monkeypatch.setattr(screening._Screening, "_of_intervals", checked)
+    monkeypatch.setattr(screening._Screening, "_coarse_changes", checked)
     t = np.arange(0.0, 60.0, 0.1)
     u = np.sin(0.7 * t) + 0.5 * np.sin(2.3 * t + 1.0)
     plant = Diagram(blocks={"lag": FirstOrderLag(time_constant=0.5)}, inputs={"u": "lag"}, outputs={"y": "lag"})

@@ -132,7 +132,7 @@ def test_a_file_without_time_needs_a_step(file):
     path = file("u,y\n1,2\n2,3\n3,4\n4,5\n")
     assert "no column is named t or time. Map t to the column that holds the time (there are u, y)" in refused(path)
     np.testing.assert_allclose(read(path, step=0.25).t, [0, 0.25, 0.5, 0.75])
-    assert "the step from row to row must be a positive number of s" in refused(path, step=-1.0)
+    assert "the step from row to row must be a positive number of seconds" in refused(path, step=-1.0)
     np.testing.assert_allclose(read(path, map={"t": "u"}).t, [1, 2, 3, 4])
 
 

@@ -396,4 +396,5 @@ def _check(origin: str, options: ReadOptions) -> None:
         if value not in ("refuse", other):
             raise DataError(f"{origin}: {what} must be 'refuse' or '{other}', got {in_words(value)}.")
     if options.step is not None and not 0 < options.step < float("inf"):
-        raise DataError(f"{origin}: the step from row to row must be a positive number of s, got {options.step:g}.")
+        wrong = "the step from row to row must be a positive number of seconds"
+        raise DataError(f"{origin}: {wrong}, got {options.step:g}.")

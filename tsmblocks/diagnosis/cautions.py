@@ -17,9 +17,18 @@ from tsmblocks.fitting.recorded_range import beyond_range
 from tsmblocks.fitting.result import Fit
 from tsmblocks.fitting.text import estimate_cautions, tangled
 
-OF_GAIN = (changes.GainChange, changes.GainDrift, changes.SettlingGain, changes.HeatedGain, changes.TemporaryGain)
-OF_TIME = (*OF_GAIN, changes.Jump, changes.Drift, changes.SettlingOffset, changes.TemporaryOffset)
-"""Blocks that change a gain, and any signal, over time."""
+OF_TIME = (
+    changes.GainChange,
+    changes.GainDrift,
+    changes.SettlingGain,
+    changes.HeatedGain,
+    changes.TemporaryGain,
+    changes.Jump,
+    changes.Drift,
+    changes.SettlingOffset,
+    changes.TemporaryOffset,
+)
+"""Blocks that change a signal over time."""
 MAX_STATE_CAUTIONS = 2
 """Cautions on initial states that are given one by one. Chosen: more of them hide the others."""
 
@@ -80,11 +89,11 @@ def changes_in_a_row(fit: Fit, effects: Collection[str]) -> list[str]:
     """
     changing = {name for name in effects if isinstance(fit.diagram.blocks.get(name), OF_TIME)}
     sources = {name: source_of(fit.diagram, f"{name}.u").partition(".")[0] for name in changing}
-    pairs = [(before, name) for name, before in sources.items() if before in changing]
     return [
         f"{before} and {name} change one signal over time: together they may be a change of another form, gradual or "
         "caused by what was not recorded, whose instants they are not."
-        for before, name in pairs
+        for name, before in sources.items()
+        if before in changing
     ]
 
 

@@ -103,8 +103,11 @@ def main_sizes(effect: NamedEffect, segment: Segment) -> list[str]:
     shown = [key for key, (_, _, experiment) in parts.items() if experiment in ("", largest)]
     texts = list[str]()
     for key in shown:
-        name, text = parts[key][0], f"{parts[key][0]} {size_text(effect, key)}"
-        texts[-1:] = [f"{texts[-1]} {text}"] if name == UNTIL and texts else [*texts[-1:], text]
+        text = f"{parts[key][0]} {size_text(effect, key)}"
+        if parts[key][0] == UNTIL and texts:
+            texts[-1] += f" {text}"
+        else:
+            texts.append(text)
     texts = texts[:MAX_SIZES]
     if largest and any(parts[key][2] for key in shown[:MAX_SIZES]):
         texts[-1] += _in_experiment(largest, len(local) - len(effect.absent_in) == 1, effect.relative_to)

@@ -136,22 +136,23 @@ class _Screening:
     def of_all(self, noise: np.ndarray) -> tuple[list[ShapeTrial], list[ShapeTrial]]:
         """Every shape, with gains in surrogates; and the best ones of finer and finer grids."""
         trials = self.candidate.trials
-        found = coarse = self.evaluated(trials.shapes, noise, self._of_intervals())
+        found = coarse = self.evaluated(trials.shapes, self._coarse_changes(), noise)
         for name in trials.refine * self._refinements:
-            found = [*found, *self.evaluated(_between(found, name))]
+            finer = _between(found, name)
+            found = [*found, *self.evaluated(finer, self._changes_at(finer))]
             found = sorted(found, key=lambda one: -one.gain)[: 2 * REFINEMENT_SHAPES]
         return coarse, found
 
     def of_each_experiment(self, noise: np.ndarray) -> tuple[list[ShapeTrial], list[ShapeTrial]]:
         """The shape that has the best instant of each experiment, with gains in surrogates; and that of finer grids."""
-        trials, names = self.candidate.trials, self.problem.unknowns.experiments
-        shapes = [for_each(one, self.candidate.effect.local, names) for one in trials.shapes]
-        found = coarse = self._chosen(shapes, noise, self._of_intervals())
+        trials = self.candidate.trials
+        found = coarse = self._chosen(self._in_each(trials.shapes), self._coarse_changes(), noise)
         distance = self._interval
         for _ in range(self._refinements):
             steps = [distance * k / (REFINEMENT_SHAPES + 1) for k in range(-REFINEMENT_SHAPES, REFINEMENT_SHAPES + 1)]
             for name in trials.refine:
-                found = self._chosen([moved(found.shape, name, step) for step in steps])
+                finer = [moved(found.shape, name, step) for step in steps]
+                found = self._chosen(finer, self._changes_at(finer))
             distance /= REFINEMENT_SHAPES + 1
         return [coarse], [found]
 
@@ -171,11 +172,10 @@ class _Screening:
         return min(math.ceil(needed), REFINEMENT_ROUNDS)
 
     def _chosen(
-        self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None, changes: np.ndarray | None = None
+        self, shapes: Sequence[Mapping[str, float]], changes: np.ndarray, noise: np.ndarray | None = None
     ) -> ShapeTrial:
-        """The trial that has of each experiment the shape with the largest gain there."""
+        """The trial that has of each experiment the shape with the largest gain there, by the changes of all."""
         strengths, names = self.candidate.trials.strengths, self.problem.unknowns.experiments
-        changes = self._changes_at(shapes) if changes is None else changes
         owner, k = self._owner, len(strengths)
         products, best, z = [], [], np.empty((len(changes), k, len(names)))
         for e in range(len(names)):  # one after another: for memory
@@ -191,25 +191,28 @@ class _Screening:
         single = [{name: size} for name, size in self.candidate.trials.strengths.items()] or [{}]
         return self._changes([self._unknowns_at({**shape, **one}) for shape in shapes for one in single])
 
-    def _of_intervals(self) -> np.ndarray | None:
-        """The changes at the shapes of a change that ends again; None of another one.
+    def _in_each(self, shapes: Sequence[Mapping[str, float]]) -> list[dict[str, float]]:
+        """Shapes with the same value of a local parameter for each experiment."""
+        return [for_each(one, self.candidate.effect.local, self.problem.unknowns.experiments) for one in shapes]
 
-        From one instant to another it is, to first order, what begins at the one less what begins at the other. So its
+    def _coarse_changes(self) -> np.ndarray:
+        """The changes at all shapes of the trials.
+
+        A change that ends again is, to first order, what begins at its first instant less what begins at its last. So
         many intervals need the simulations of their few instants.
         """
-        trials, own = self.candidate.trials, self.candidate.effect.local if self.owns_shapes else ()
+        trials = self.candidate.trials
         if not (steps := trials.without_end):
-            return None
-        changes = self._changes_at([for_each(one, own, self.problem.unknowns.experiments) for one in steps])
+            return self._changes_at(self._in_each(trials.shapes))
         first, last = trials.refine
-        begun = dict(zip((one[first] for one in steps), np.split(changes, len(steps), axis=1), strict=True))
+        changes = np.split(self._changes_at(self._in_each(steps)), len(steps), axis=1)
+        begun = dict(zip((one[first] for one in steps), changes, strict=True))
         return np.concatenate([begun[one[first]] - begun[one[last]] for one in trials.shapes], axis=1)
 
     def evaluated(
-        self, shapes: Sequence[Mapping[str, float]], noise: np.ndarray | None = None, changes: np.ndarray | None = None
+        self, shapes: Sequence[Mapping[str, float]], changes: np.ndarray, noise: np.ndarray | None = None
     ) -> list[ShapeTrial]:
-        """Every shape with its optimum size, and with its gains in the surrogates ``noise`` (N, D)."""
-        changes = self._changes_at(shapes) if changes is None else changes
+        """Every shape with its optimum size, by the changes, and with its gains in the surrogates ``noise`` (N, D)."""
         if not self.candidate.local:
             return self._sized_trials(shapes, changes, noise)
         parts = np.split(changes, len(shapes), axis=1)  # one after another: each experiment has separate sizes

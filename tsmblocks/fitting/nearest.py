@@ -134,8 +134,8 @@ class _Moves:
     def __attrs_post_init__(self) -> None:
         known = numbers(self.setup.diagram)
         names = [k.parameter for k in self.problem.unknowns.items]
-        count = (not is_start(known[k]) and (self.given is None or k in self.given) for k in names)
-        self.counted = np.fromiter(count, dtype=bool, count=len(names))
+        counted = [not is_start(known[k]) and (self.given is None or k in self.given) for k in names]
+        self.counted = np.array(counted, dtype=bool)
 
     def distance(self, theta: np.ndarray) -> float:
         """Distance from the diagram's own parameters, in sizes."""
