@@ -37,7 +37,7 @@ from tsmblocks.diagnosis.oscillation import (
     repeats_another,
 )
 from tsmblocks.diagnosis.own_parameters import at_own_parameters, is_rough
-from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, refined_fits
+from tsmblocks.diagnosis.round_fits import fits_beside_own, fits_from_starts, refined_fits, with_rivals
 from tsmblocks.diagnosis.same_outputs import nearest_first
 from tsmblocks.diagnosis.screened_candidates import BADLY_PREDICTED, chosen_candidates, screened_candidates
 from tsmblocks.diagnosis.screening_score import ScreeningScore
@@ -81,6 +81,7 @@ def search_round(
         fits = fits_from_starts(chosen, known, search)
     else:
         fits = fits_beside_own(scores, chosen, known, own, search, rough=is_rough(model))
+    fits = with_rivals(fits, scores, model, known, search)
     multiplicity = critical_multiplicity(scores)
     if found_in is not None:
         multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}

@@ -39,8 +39,8 @@ DELAY_MARGIN = 2.0
 """Length of that lead in multiples of all delays of the diagram, at least. Chosen: a fit may lengthen the delays."""
 MIN_PIECE_SAMPLES = 100
 """Samples of a piece at least. Chosen: enough for its initial states beside the common parameters."""
-LASTING_MEMORY_SHARE = 0.3
-"""Share of the first influence of an initial state that remains at the end of an experiment with lasting memory.
+LASTING_MEMORY_SHARE = 0.5
+"""Share of the largest influence of an initial state that remains at the end of an experiment with lasting memory.
 Chosen: 0 for stable plants, 1 for integrating ones."""
 ROUGH_ERROR = 1e4
 """Mean square [noise variances] of a base from which it is rough: its parameters say little, and shorter pieces are
@@ -168,9 +168,8 @@ def has_lasting_memory(diagram: Diagram, records: Mapping[str, Record], settings
         states = [i for i, k in enumerate(unknowns.own[e]) if unknowns.items[k].parameter not in given]
         for rows in problem.segments[e * count : (e + 1) * count]:
             part = np.abs(J.own[rows][:, states])
-            tenth = max(len(part) // 10, 1)
-            first, last = part[:tenth].max(axis=0), part[-tenth:].mean(axis=0)
-            kept[e] = max(kept[e], np.max(last[first > 0] / first[first > 0], initial=0.0))
+            largest, last = part.max(axis=0, initial=0.0), part[-max(len(part) // 10, 1) :].mean(axis=0)
+            kept[e] = max(kept[e], np.max(last[largest > 0] / largest[largest > 0], initial=0.0))
     return bool(kept.min() > LASTING_MEMORY_SHARE)
 
 
