@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import attrs
 import numpy as np
 
 from tsmblocks.blocks import Bias
@@ -19,7 +20,7 @@ from tsmblocks.diagnosis.presentation import in_display_units, unit_of
 from tsmblocks.diagnosis.quantities import detectable_size, displayed_unit, recorded_units
 from tsmblocks.diagnosis.screening import MIN_SENSITIVITY, absorbing
 from tsmblocks.diagnosis.screening_score import ScreeningScore
-from tsmblocks.diagnosis.search_rounds import SearchRound
+from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.diagnosis.segment import DetectionLimit
 from tsmblocks.effects import Effect, Relative, Replacement
 from tsmblocks.effects.sizes import MILLISECONDS
@@ -45,7 +46,11 @@ ABSORBED, BEYOND, NOT_EXCITED, NO_PLACE, REPLACES = CAUSES
 
 
 def detection_limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
-    """For each effect the smallest size detectable in these experiments, given the residual of the last model."""
+    """For each effect the smallest size detectable in these experiments, given the residual of the last model.
+
+    It is that of the first of its forms, in the order of the catalogue, that has one that makes sense, at the place
+    where these data show it best.
+    """
     found: dict[str, DetectionLimit] = {}
     last = diagnosed.rounds[diagnosed.count]
     screened = last if last.screening_scores else diagnosed.rounds[0]
@@ -54,10 +59,11 @@ def detection_limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
     excess = max(diagnosed.losses[-1] - noise, 0.0)  # an effect has to remove its share of this as well
     material = max(MIN_VARIANCE_REDUCTION * noise, excess * MIN_EXCESS_SHARE / (1 - MIN_EXCESS_SHARE))
     recorded = recorded_units(last.base.setup)
-    for p in scores:
+    detectable = {p: max(material * len(last.base.r), by_noise[p]) for p in scores}
+    for p in _simplest_first(detectable, diagnosed.search):
         name = p.candidate.effect.name
-        if name not in found and (limit := _limit(p, max(material * len(last.base.r), by_noise[p]), recorded)):
-            found[name] = limit
+        if name not in found and (limit := _limit(p, detectable[p], recorded)):
+            found[name] = attrs.evolve(limit, wire=p.candidate.point.words(last.base.diagram))
     placed = _names_with_a_place(diagnosed, screened)
     for one in diagnosed.search.effects:
         own = [p for p in scores if p.candidate.effect.name == one.name]
@@ -67,6 +73,19 @@ def detection_limits(diagnosed: DiagnosedPart) -> tuple[DetectionLimit, ...]:
         if isinstance(one, Effect) or one.name not in order:
             order[one.name] = k
     return tuple(sorted(found.values(), key=lambda m: order[m.name]))
+
+
+def _simplest_first(detectable: Mapping[ScreeningScore, float], search: SearchContext) -> list[ScreeningScore]:
+    """The candidates by their forms in the order of the catalogue, of each form those first that are seen best.
+
+    ``detectable`` are the changes of the sum of squares from which they are seen.
+    """
+
+    def order(one: ScreeningScore) -> tuple[int, float]:
+        most = max((shape.sensitivity for shape in one.shapes), default=0.0)
+        return search.effects.index(search.tried_as(one.candidate)), -most / detectable[one]
+
+    return sorted(detectable, key=order)
 
 
 def _limit(score: ScreeningScore, detectable: float, recorded: Mapping[str, str]) -> DetectionLimit | None:

@@ -118,7 +118,7 @@ def _segment(s: Segment) -> dict[str, Any]:
 
 def _limit(m: DetectionLimit) -> dict[str, Any]:
     size = {"size": {"name": m.size_name, "value": m.size, "unit": m.size_unit}} if m.size_name else {}
-    return {"parameter": m.parameter, "value": m.value, "unit": m.unit, **size}
+    return {"parameter": m.parameter, "value": m.value, "unit": m.unit, "wire": m.wire, **size}
 
 
 def _limit_size(m: DetectionLimit) -> dict[str, Any] | None:

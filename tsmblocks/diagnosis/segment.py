@@ -162,9 +162,9 @@ class ResidualCoordinate:
 class DetectionLimit:
     """The smallest detectable size of an effect in these experiments; None where no size is.
 
-    ``value`` is that of ``parameter``; ``size`` [``size_unit``] the same as the measurable quantity ``size_name``,
-    where the effect defines one that is proportional to it. ``cause`` says why there is no limit, ``absorbed_by`` which
-    parameters of the model have the same effect, and by how much where it is one.
+    ``value`` is that of ``parameter`` of the effect on a ``wire``; ``size`` [``size_unit``] the same as the measurable
+    quantity ``size_name``, where the effect defines one that is proportional to it. ``cause`` says why there is no
+    limit, ``absorbed_by`` which parameters of the model have the same effect, and by how much where it is one.
     """
 
     name: str
@@ -177,6 +177,7 @@ class DetectionLimit:
     size_unit: str = ""
     cause: str = ""
     absorbed_by: Mapping[str, str] = attrs.field(factory=dict)
+    wire: str = ""
 
 
 @attrs.frozen

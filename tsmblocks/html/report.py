@@ -270,7 +270,7 @@ def _limits(segment: Segment) -> dict[str, Any]:
     named = {one.name for one in segment.effects}
     shown = (m for m in segment.limits if m.value is not None or m.name not in named)
     ordered = sorted(shown, key=lambda m: m.value is None)
-    rows = [(m.name, limit_text(m), m.excites) for m in ordered]
+    rows = [(m.name, limit_text(m), m.wire, m.excites) for m in ordered]
     kinds = ["blind" if m.value is None else "" for m in ordered]
     return {"segment": segment.name, "rows": rows, "kinds": kinds, "note": acceleration_note(ordered)}
 
