@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import attrs
+import numpy as np
 
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.decision import (
@@ -23,6 +24,9 @@ from tsmblocks.effects import Effect, Relative
 
 MAX_EXCHANGES = 2
 """Effects that are exchanged for others, at most. Chosen: for the run time; where more change, none is there."""
+MIN_PROMISE = 0.1
+"""Predicted gain of an effect beyond that in noise [the best of its round] from which it is searched for again beside
+the others. Chosen: less than what is fitted has in a round; for the run time."""
 
 
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
@@ -50,7 +54,10 @@ def _repeated_beside_others(
     """New rounds, if effect ``k`` would not be named beside the others and they are better; else None."""
     this, others, base = rounds[k].verdict.named, [*rounds[:k], *rounds[k + 1 : count]], rounds[0].base
     other_rounds, model, shrinkage = rounds_for(others, search, base)
-    again = search_round(model, shrinkage, search, _with_all(rounds[k], rounds[count:]))
+    known = _with_all(rounds[k], rounds[count:])
+    again = search_round(model, shrinkage, attrs.evolve(search, effects=_promising(known, search)), known)
+    if again.verdict.named is None:
+        again = search_round(model, shrinkage, search, known)
     new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
     if this is not None and new is not None and _same_effect(this, new) and not is_more_general(this, new):
         rounds[k] = attrs.evolve(rounds[k], repeated=again)
@@ -68,6 +75,15 @@ def _repeated_beside_others(
     kept = accepted_count(made, search)
     loss, before = (mean_loss(some[n].losses, search.blocks) for some, n in ((made, kept), (rounds, count)))
     return made if kept >= least and loss <= before + allowed * search.noise_variance else None
+
+
+def _promising(found: SearchRound, search: SearchContext) -> list[Effect | Relative]:
+    """The effects of which a round predicted a part of what it predicted of the best, and all forms of that named."""
+    excess = {one: one.gain - float(np.mean(one.noise_gains)) for one in found.screening_scores}
+    least = MIN_PROMISE * max(excess.values(), default=0.0)
+    kept = {id(search.tried_as(one.candidate)) for one, gain in excess.items() if gain >= least}
+    name = found.verdict.named.candidate.effect.name if found.verdict.named else ""
+    return [one for one in search.effects if id(one) in kept or one.name == name]
 
 
 def _with_all(found: SearchRound, after: Sequence[SearchRound]) -> SearchRound:
