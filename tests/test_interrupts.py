@@ -214,7 +214,7 @@ def test_a_fit_ends_within_one_simulation_of_ctrl_c(given, monkeypatch):
     begun = tsm.score(slack, records).rms
     after = pressed_at(monkeypatch, 50)
     summarise, until = fit.summarise, []
-    monkeypatch.setattr(fit, "summarise", lambda *args: until.append(len(after)) or summarise(*args))
+    monkeypatch.setattr(fit, "summarise", lambda *args, **named: until.append(len(after)) or summarise(*args, **named))
     found = tsm.fit(slack, records, **given)
     assert found.status == "interrupted"
     assert found.rms <= begun * (1 + 1e-9)

@@ -116,15 +116,15 @@ def instants_are_determined(model: Model, candidate: Candidate, base: Model) -> 
     """Whether the instants of a sudden change are: their confidence intervals lie inside the recording.
 
     A change that ends again at the end of a recording, or is there from its beginning, is another effect. Of separate
-    ones those of the experiment count in which the change is largest: where it is next to nothing, so are they.
+    ones those of the experiment count in which its first size is largest: where it is next to nothing, so are they.
     """
     items, experiments = model.problem.unknowns.items, model.problem.experiments
     wanted = {f"{candidate.block}.{name}" for name in candidate.trials.refine}
     instants = [k for k, item in enumerate(items) if item.parameter in wanted]
     if not instants:
         return True
-    strengths = {f"{candidate.block}.{name}" for name in candidate.trials.strengths}
-    sizes = {item.experiment: abs(model.theta[k]) for k, item in enumerate(items) if item.parameter in strengths}
+    size = f"{candidate.block}.{next(iter(candidate.trials.strengths), '')}"
+    sizes = {item.experiment: abs(model.theta[k]) for k, item in enumerate(items) if item.parameter == size}
     place = max(sizes, key=lambda name: sizes[name], default="")
     errors = uncertainty_of_effects(model, base).errors
     for k in (k for k in instants if items[k].experiment in ("", place)):

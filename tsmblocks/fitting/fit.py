@@ -24,6 +24,7 @@ from tsmblocks.fitting.optimizer import (
     OptimizerResult,
     ProgressCallback,
     feasible_start,
+    is_same_optimum,
     projected,
 )
 from tsmblocks.fitting.recordings import Data
@@ -203,7 +204,7 @@ def fit(
             if interrupt.stop or any(f.status == "interrupted" for f in found):
                 break
         found = _nearest(problem, setup, found, interrupt)
-    return summarise(problem, setup, method, found)
+    return summarise(problem, setup, method, found, followed=step is None and method == "gauss-newton")
 
 
 def _check_method(method: str, segments: int) -> None:
@@ -255,12 +256,31 @@ def _search(
             ends = [refined(problem, end, lambda start: optimizer(problem, start, **options)) for end in ends]
         ends = _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
         if follow and method == "gauss-newton":
-            problem, setup, ends[0] = following(problem, setup, ends[0], functools.partial(optimizer, **options))
+            problem, setup, ends = _followed(problem, setup, ends, functools.partial(optimizer, **options))
     except KeyboardInterrupt:  # between searches, or before one had a first result
         with without_checkpoints():
             best, *others = _ranked(problem, ends or [OptimizerResult(begin, problem.cost(begin), "interrupted", 0, 1)])
         ends = [attrs.evolve(best, status="interrupted"), *others]
     return problem, setup, ends
+
+
+def _followed(
+    problem: Problem,
+    setup: Setup,
+    ends: list[OptimizerResult],
+    search: Callable[[Problem, np.ndarray], OptimizerResult],
+) -> tuple[Problem, Setup, list[OptimizerResult]]:
+    """The results with the best continued at a step that follows the parameters, and those of its optimum with it."""
+    finer, fine_setup, best = following(problem, setup, ends[0], search)
+    if finer is problem:
+        return problem, setup, ends
+    others = [
+        attrs.evolve(one, theta=best.theta, cost=best.cost)
+        if is_same_optimum(problem, ends[0], one)
+        else attrs.evolve(one, cost=finer.cost(one.theta))
+        for one in ends[1:]
+    ]
+    return finer, fine_setup, [best, *_ranked(finer, others)]
 
 
 def _nearest(

@@ -16,6 +16,8 @@ ProgressCallback = Callable[[str, int, float], None]
 
 CONSTRAINT_TOLERANCE = 1e-9
 """Sum of constraint violations that counts as none. Chosen."""
+SAME = 1.0
+"""Costs that differ by less than this many variances of a sample belong to one optimum. Chosen."""
 
 
 def no_progress(stage: str, evaluations: int, cost: float) -> None:
@@ -41,6 +43,12 @@ class OptimizerResult:
     history: tuple[float, ...] = attrs.field(default=(), repr=False)
     difference_steps: np.ndarray | None = attrs.field(default=None, repr=False)
     plateau: np.ndarray | None = attrs.field(default=None, repr=False)
+
+
+def is_same_optimum(problem: Problem, best: OptimizerResult, other: OptimizerResult) -> bool:
+    """Whether the result of another search belongs to the optimum of the best one."""
+    variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
+    return abs(other.cost - best.cost) <= SAME * variance
 
 
 def linearised_constraints(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -77,15 +77,19 @@ def following(
     return first if state_at_limit(problem, end.theta) else (problem, setup, end)
 
 
-def limit_note(problem: Problem, theta: np.ndarray) -> list[str]:
-    """A warning where the step limits the search."""
+def limit_note(problem: Problem, theta: np.ndarray, *, followed: bool = False) -> list[str]:
+    """A warning where the step limits the search; ``followed`` is whether it did so at finer steps as well."""
     state = state_at_limit(problem, theta)
     if not state:
         return []
     step = problem.experiments[0].times.h
+    finer = ", and so it does at finer steps" if followed else ""
+    advice = (
+        "Fix them, or give bounds; the model may lack an effect" if followed else "Give a smaller step, or fix them"
+    )
     return [
-        f"{state} changes as fast as a step of {step:.3g} s can simulate: the parameters that set how fast follow from "
-        "the step and not from the data. Give a smaller step, or fix them."
+        f"{state} changes as fast as a step of {step:.3g} s can simulate{finer}: the parameters that set how fast "
+        f"follow from the step and not from the data. {advice}."
     ]
 
 

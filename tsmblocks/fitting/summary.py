@@ -9,6 +9,7 @@ import numpy as np
 
 from tsmblocks.common.errors import ParameterError, RunError
 from tsmblocks.common.interpolation import AUTO, hold_of_each
+from tsmblocks.common.tables import listed
 from tsmblocks.data import Record, cautions
 from tsmblocks.engine.equations import Equations
 from tsmblocks.fitting.above_noise import is_far, material_residuals, output_noise
@@ -19,7 +20,7 @@ from tsmblocks.fitting.inner_products import square
 from tsmblocks.fitting.input_checks import runs_ahead
 from tsmblocks.fitting.input_noise import filtered_problem, input_noise_note
 from tsmblocks.fitting.jacobian import Jacobian
-from tsmblocks.fitting.optimizer import OptimizerResult
+from tsmblocks.fitting.optimizer import OptimizerResult, is_same_optimum
 from tsmblocks.fitting.parameters import is_start, numbers
 from tsmblocks.fitting.residual_cause import fixed_in_doubt
 from tsmblocks.fitting.residuals import Problem
@@ -44,8 +45,11 @@ NEXT_TO_NOTHING = 1.0
 DRIVES = 1.02
 """Mean square with filtered inputs over that without, above which their fast part drives the outputs, as that of a
 command does, and is no noise. Chosen: filtering of noise never adds as much."""
-SAME = 1.0
-"""Costs that differ by less than this many variances of a sample belong to one optimum. Chosen."""
+
+
+ERRATIC = 1e3
+"""Derivative over the finite difference that was taken instead [norms] from which the outputs are erratic. Chosen: at
+jumps and kinks of a simulation that resolves the motion they are alike but for a few times."""
 
 
 @attrs.frozen(eq=False)
@@ -66,11 +70,18 @@ class _Optimum:
 
 
 def summarise(
-    problem: Problem, setup: Setup, method: str, searches: list[OptimizerResult], known: Uncertainty | None = None
+    problem: Problem,
+    setup: Setup,
+    method: str,
+    searches: list[OptimizerResult],
+    known: Uncertainty | None = None,
+    *,
+    followed: bool = False,
 ) -> Fit:
     """The result of a fit from the outcomes of its searches, best first.
 
-    ``known`` is the uncertainty that it reports; by default that of a fit whose active bounds are held.
+    ``known`` is the uncertainty that it reports; by default that of a fit whose active bounds are held. ``followed`` is
+    whether finer steps were tried where the parameters call for them.
     """
     left_out, residuals, jacobian = _first_with_derivatives(problem, searches)
     best, unknowns = searches[left_out], problem.unknowns
@@ -81,7 +92,6 @@ def summarise(
     diagrams = {name: _fitted(setup.diagram, problem, best.theta, e) for e, name in enumerate(unknowns.experiments)}
     simulation = simulated_as(setup, [_starts_of(problem, setup, best.theta, e) for e in range(len(diagrams))])
     diagrams = {name: diagram.with_simulation(simulation) for name, diagram in diagrams.items()}
-    variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
     first, far = setup.experiments[0], _is_far(setup, differences)
     return Fit(
         diagram=next(iter(diagrams.values())),
@@ -93,7 +103,7 @@ def summarise(
         active=tuple(optimum.active.values()),
         method=method,
         searches=(best, *searches[:left_out], *searches[left_out + 1 :]),
-        agreeing=sum(abs(end.cost - best.cost) <= SAME * variance for end in searches),
+        agreeing=sum(is_same_optimum(problem, best, end) for end in searches),
         step=min(setup.steps.values()),
         integrator=first.rule.name,
         hold=setup.hold,
@@ -102,7 +112,8 @@ def summarise(
             *setup.notes,
             *_left_out_notes(left_out, len(searches)),
             *_few_samples_notes(problem),
-            *limit_note(problem, optimum.theta),
+            *limit_note(problem, optimum.theta, followed=followed),
+            *_erratic_note(problem, best, jacobian),
             *_step_notes(problem, setup, optimum),
             *scale_notes(setup, growth=min(d.fit_percent for d in differences) < POOR),
             *_data_notes(setup, differences),
@@ -120,6 +131,21 @@ def _left_out_notes(left_out: int, count: int) -> list[str]:
         f"{left_out} of {count} searches ended at a lower residual, but where the outputs have no finite derivatives, "
         "as for friction that changes within a step: give a smaller step."
     ] * bool(left_out)
+
+
+def _erratic_note(problem: Problem, best: OptimizerResult, differences: Jacobian) -> list[str]:
+    """A warning where derivatives are many times the differences over a step that were taken instead of them."""
+    if best.difference_steps is None:
+        return []
+    exact = problem.jacobian(best.theta)[1].norms
+    erratic = [n for n, a, b in zip(problem.unknowns.names, exact, differences.norms, strict=True) if a > ERRATIC * b]
+    if not erratic:
+        return []
+    return [
+        f"the outputs change erratically with {listed(erratic, 3)}: more by changes too small to matter than by those of "
+        "a hundredth. The simulation does not resolve a part of the motion, such as a friction that holds; intervals are "
+        "rough, and parameters that act in combination only are not found. Give a smaller step, or bounds."
+    ]
 
 
 def _starts_of(problem: Problem, setup: Setup, theta: np.ndarray, e: int) -> dict[str, float]:
