@@ -45,8 +45,6 @@ NEXT_TO_NOTHING = 1.0
 DRIVES = 1.02
 """Mean square with filtered inputs over that without, above which their fast part drives the outputs, as that of a
 command does, and is no noise. Chosen: filtering of noise never adds as much."""
-
-
 ERRATIC = 1e3
 """Derivative over the finite difference that was taken instead [norms] from which the outputs are erratic. Chosen: at
 jumps and kinks of a simulation that resolves the motion they are alike but for a few times."""
@@ -142,9 +140,9 @@ def _erratic_note(problem: Problem, best: OptimizerResult, differences: Jacobian
     if not erratic:
         return []
     return [
-        f"the outputs change erratically with {listed(erratic, 3)}: more by changes too small to matter than by those of "
-        "a hundredth. The simulation does not resolve a part of the motion, such as a friction that holds; intervals are "
-        "rough, and parameters that act in combination only are not found. Give a smaller step, or bounds."
+        f"the outputs change erratically with {listed(erratic, 3)}: more by tiny changes than by those of a hundredth. "
+        "The simulation does not resolve a part of the motion, such as a friction that holds; intervals are rough, and "
+        "parameters that act in combination only are not found. Give a smaller step, or bounds."
     ]
 
 
