@@ -112,9 +112,14 @@ def test_a_lag_at_the_limit_of_the_step_is_said(step):
     fit = tsm.fit(lagging(60.0), slow_record(0.0), starts=1, step=step)
     assert fit.step == 10.0
     (said,) = (text for text in fit.notes if text.startswith("s.value"))
+    finer, advice = (
+        ("", "Give a smaller step, or fix them")
+        if step
+        else (", and so it does at finer steps", "Fix them, or give bounds; the model may lack an effect")
+    )
     assert said == (
-        "s.value changes as fast as a step of 10 s can simulate: the parameters that set how fast follow from "
-        "the step and not from the data. Give a smaller step, or fix them."
+        f"s.value changes as fast as a step of 10 s can simulate{finer}: the parameters that set how fast follow from "
+        f"the step and not from the data. {advice}."
     )
 
 

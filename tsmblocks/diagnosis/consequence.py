@@ -39,7 +39,8 @@ NOT_TRACKED = (
     "wanted motion,"
 )
 """Why there is no consequence, up to the fault of the compensator."""
-NAMES_HOLD = "The verdict does not depend on it."
+UNSTABLE = "is unstable with this model, as with most that have an inertia"
+NAMES_HOLD = "That is a limit of this compensator, not of the mechanism; the verdict does not depend on it."
 Errors = tuple[float, float]
 
 
@@ -61,7 +62,7 @@ def consequence(base: Model, augmented: Model) -> Consequence | str:
     record, unit = experiment.record, recorded_units(base.setup)[outlet]
     wanted, plant = record.values(inlet, unit), _of_first_experiment(augmented)
     models = [None, _of_first_experiment(base), plant]
-    step, fault = grid_step(record.t), "is unstable"  # the median is robust to rounded time stamps
+    step, fault = grid_step(record.t), UNSTABLE  # the median is robust to rounded time stamps
     for substeps in LOOP_SUBSTEPS:
         if len(record) * substeps * STEPS_PER_LOOP_STEP > MAX_STEPS:
             continue

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 import attrs
 
-from tsmblocks.blocks import Integrator, Sum
+from tsmblocks.blocks import Gain, Integrator, Sum
 from tsmblocks.common.units import is_one_of, parse
 from tsmblocks.diagnosis.signal_paths import FORCE_TO_POSITION, blocks_behind, integration_count, source_of
 from tsmblocks.model.diagram import Diagram
@@ -14,22 +14,27 @@ from tsmblocks.model.diagram import Diagram
 ELASTIC_DIMENSIONS = {parse(unit).dimension for unit in ("N", "N*m", "m/s^2", "rad/s^2")}
 """Dimensions of what a spring makes of a deflection: a force, a torque, or either of them by its inertia."""
 
+SENSOR_DIMENSIONS = {parse(unit).dimension for unit in ("V", "A", "%", "mm", "deg")}
+"""Dimensions of what a position sensor shows, and of a position."""
+
 
 @attrs.frozen
 class ControlLoop:
     """A loop around the block ``error``, a sum, which compares a reference with what arrives at its port ``fed_back``.
 
     ``commands`` are the ports from the control error to the command: those that the error drives, and those that the
-    controller does.
+    controller does. ``actuated`` is what an actuator behind them moves, as the spool of a valve: where it meets other
+    signals; empty where there is none.
     """
 
     error: str
     fed_back: str
     commands: tuple[str, ...]
+    actuated: str
 
 
 def control_loops(diagram: Diagram, source: str, named: Collection[str]) -> Iterator[ControlLoop]:
-    """The control loops in which the signal ``source`` is fed back as it is, or through blocks that were ``named``.
+    """The control loops in which the signal ``source`` is fed back: as it is, by a sensor, or through ``named`` blocks.
 
     A sum whose result a spring makes into a force is the deflection of that spring, and no control error. Neither is a
     sum in which the reference is taken from what is fed back: a loss to the surroundings is driven by that.
@@ -38,9 +43,29 @@ def control_loops(diagram: Diagram, source: str, named: Collection[str]) -> Iter
     for error, block in diagram.blocks.items():
         if not isinstance(block, Sum) or head not in blocks_behind(diagram, error) or is_elastic(diagram, error):
             continue
-        fed_back = [k for k in _ports(diagram, error) if in_front(diagram, source_of(diagram, k), named)[0] == source]
+        fed_back = [k for k in _ports(diagram, error) if _is_fed_back(diagram, source, k, named)]
         if has_reference(diagram, error, head) and len(fed_back) == 1 and not _is_loss(block, fed_back[0]):
-            yield ControlLoop(error, fed_back[0], tuple(_commands(diagram, error, head)))
+            commands = tuple(_commands(diagram, error, head))
+            yield ControlLoop(error, fed_back[0], commands, _actuated(diagram, commands, source))
+
+
+def _is_fed_back(diagram: Diagram, source: str, port: str, named: Collection[str]) -> bool:
+    """Whether a signal arrives at a port as it is, or a position does through the gains of its sensor.
+
+    A speed or a current that a gain turns into a voltage may be that of a motor, and no measurement.
+    """
+    signal = in_front(diagram, source_of(diagram, port), named)[0]
+    if signal == source:
+        return True
+    while _is_sensor(diagram, signal.partition(".")[0]):
+        signal = in_front(diagram, source_of(diagram, f"{signal.partition('.')[0]}.u"), named)[0]
+    return signal == source and integration_count(diagram, source, before=port, after="") >= FORCE_TO_POSITION
+
+
+def _is_sensor(diagram: Diagram, name: str) -> bool:
+    """Whether a block may turn a position into what a sensor shows: a gain that makes no force of it, by its unit."""
+    block, unit = diagram.blocks.get(name), diagram.unit(f"{name}.y") if name in diagram.blocks else ""
+    return isinstance(block, Gain) and (is_one_of(unit, SENSOR_DIMENSIONS) or (not unit and block.gain == 1.0))
 
 
 def _is_loss(difference: Sum, port: str) -> bool:
@@ -98,6 +123,18 @@ def in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str
             break
         source, port = before, f"{head}.u"
     return source, port
+
+
+def _actuated(diagram: Diagram, commands: Sequence[str], source: str) -> str:
+    """The signal behind a chain of blocks from the last command on, where it meets others; empty without a chain."""
+    head = commands[-1].partition(".")[0] if commands else ""
+    while head and len(_ports(diagram, head)) == 1 and head != source.partition(".")[0]:
+        driven = {x.target[0] for x in diagram.links if x.source[0] == head}
+        meeting = [one for one in driven if len(_ports(diagram, one)) > 1]
+        if meeting:
+            return f"{head}.y" if (head, "y") in {x.source for x in diagram.links} else ""
+        head = driven.pop() if len(driven) == 1 else ""
+    return ""
 
 
 def _ports(diagram: Diagram, block: str) -> list[str]:

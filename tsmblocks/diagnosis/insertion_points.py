@@ -183,8 +183,8 @@ def _at_elements(
 def _in_the_control_loop(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
     """Wires of the loops in which a measured output is fed back.
 
-    Its sensor alone, where the output acts on other blocks as well; what is fed back alone; and the wires from the
-    control error to the command.
+    Its sensor alone, where the output acts on other blocks as well; what is fed back alone; the wires from the control
+    error to the command; and what an actuator behind it moves.
     """
     for loop in control_loops(diagram, in_front(diagram, source, named)[0], named):
         fed_back = source_of(diagram, loop.fed_back)
@@ -195,6 +195,9 @@ def _in_the_control_loop(diagram: Diagram, name: str, source: str, named: Collec
         for port in loop.commands:
             yield InsertionPoint("drive", name, source_of(diagram, port), before=port)
             yield InsertionPoint("loop", name, source_of(diagram, port), before=port)
+        if loop.actuated:
+            driven = ", ".join(".".join(x.target) for x in diagram.links if ".".join(x.source) == loop.actuated)
+            yield InsertionPoint("loop", name, loop.actuated, before=driven)
 
 
 def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from tsmblocks.blocks import Bias
 from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.diagnosis.acceptance import MIN_EXCESS_SHARE
+from tsmblocks.diagnosis.candidate_units import displayed_unit
 from tsmblocks.diagnosis.candidates import Candidate, acts_on
 from tsmblocks.diagnosis.critical_gains import critical_gains
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION
@@ -17,7 +18,7 @@ from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.insertion_points import insertion_points
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.presentation import in_display_units, unit_of
-from tsmblocks.diagnosis.quantities import detectable_size, displayed_unit, recorded_units
+from tsmblocks.diagnosis.quantities import detectable_size, recorded_units
 from tsmblocks.diagnosis.screening import MIN_SENSITIVITY, absorbing
 from tsmblocks.diagnosis.screening_score import ScreeningScore
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
@@ -98,14 +99,15 @@ def _limit(score: ScreeningScore, detectable: float, recorded: Mapping[str, str]
         name, size, unit = detectable_size(candidate, one.parameter, one.value, one.shape, recorded)
         if not _is_beyond(candidate, one.parameter, name, size):
             effect = candidate.effect
-            value, own = abs(one.value), displayed_unit(_unit(score, one.parameter), candidate, recorded)
+            value, own = abs(one.value), _unit(score, one.parameter, recorded)
             return DetectionLimit(effect.name, one.parameter, value, own, effect.excites, name, size, unit)
     return None
 
 
-def _unit(score: ScreeningScore, parameter: str) -> str:
+def _unit(score: ScreeningScore, parameter: str, recorded: Mapping[str, str]) -> str:
     full = f"{score.candidate.block}.{parameter}"
-    return next((i.unit for i in score.problem.unknowns.items if i.parameter == full), "")
+    items = (one for one in score.problem.unknowns.items if one.parameter == full)
+    return next((displayed_unit(one, score.candidate, recorded) for one in items), "")
 
 
 def _is_beyond(candidate: Candidate, parameter: str, name: str, size: float) -> bool:

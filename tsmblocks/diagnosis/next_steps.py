@@ -15,7 +15,7 @@ from tsmblocks.diagnosis.limits import NO_PLACE, NOT_EXCITED
 from tsmblocks.diagnosis.presentation import in_display_units
 from tsmblocks.diagnosis.segment import Gap, Segment
 from tsmblocks.diagnosis.shift_in_time import COEFFICIENT, SHIFT_IN_TIME
-from tsmblocks.diagnosis.verdict_text import noise_or_model_error, percent
+from tsmblocks.diagnosis.verdict_text import leaves_unexplained, noise_or_model_error, percent
 from tsmblocks.effects import catalogue
 from tsmblocks.effects.maps import RIPPLE
 from tsmblocks.effects.sizes import MILLISECONDS
@@ -49,7 +49,10 @@ SEARCH_TO_THE_END = (
 
 
 def next_steps(segment: Segment) -> list[str]:
-    """Next steps where a residual is not explained, or where noise and a model error are indistinguishable."""
+    """Next steps where a residual is not explained, or where noise and a model error are indistinguishable.
+
+    Empty where nothing is left to explain.
+    """
     given = all(gap.given for gap in segment.gaps)
     repeat = "Record twice with the same inputs: a model error repeats, noise does not."
     floor = (
@@ -63,14 +66,14 @@ def next_steps(segment: Segment) -> list[str]:
         repeated = any(gap.method == REPEATS for gap in segment.gaps)
         steps = [*([] if repeated else [repeat]), *noise, *_integrate_a_speed(segment)]
         return [*alone, *(steps if noise_or_model_error(segment) else [])]
+    near = any(_remaining_ratio(gap) < NOISE_RATIO for gap in segment.gaps)
     if segment.complete:
-        return []
+        return [repeat, *([] if given else [floor])] if leaves_unexplained(segment) else []
     if segment.stopped:
-        return [SEARCH_TO_THE_END]
+        return [SEARCH_TO_THE_END, *([floor] if near and not given else [])]
     if segment.varies_with:
         return [*alone, *_where_a_factor_varies(segment)]
     if segment.irregular:
-        near = any(_remaining_ratio(gap) < NOISE_RATIO for gap in segment.gaps)
         noise = _noise_of_inputs(segment) or ([floor] if near and not given else [])
         return [*alone, REPEAT_BESIDE_DISTURBANCES, *noise, *_integrate_a_speed(segment), RECORD_CAUSES]
     return [
@@ -128,7 +131,7 @@ def _others_to_try(segment: Segment) -> list[str]:
     others = {one.name for one in catalogue()} - {m.name for m in segment.limits} - set(segment.effects_tried)
     if not others or not segment.limits:
         return []
-    return [f"Try the other {len(others)} effects of the catalogue as well: leave out effects (--effects)."]
+    return [f"Try the other {len(others)} effects of the catalogue as well: diagnose without the option --effects."]
 
 
 def _integrate_a_speed(segment: Segment) -> list[str]:

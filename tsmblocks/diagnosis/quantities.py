@@ -10,9 +10,10 @@ import attrs
 import numpy as np
 
 from tsmblocks.blocks import Gain
-from tsmblocks.common.displayed_units import display_unit, displayed_in, times
+from tsmblocks.common.displayed_units import display_unit
 from tsmblocks.common.tables import listed
 from tsmblocks.common.units import is_unit, parse
+from tsmblocks.diagnosis.candidate_units import displayed_unit, units_on_wire
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.diagnosis.control_loops import in_front
 from tsmblocks.diagnosis.determined import directions_without_effect, uncertainty_of_effects
@@ -99,7 +100,7 @@ class Estimate:
         found = {}
         for item, value, below, above in sorted(every, key=lambda one: bool(one[0].experiment)):
             if item.parameter in candidate.free:
-                unit = displayed_unit(item.unit, candidate, self.recorded)
+                unit = displayed_unit(item, candidate, self.recorded)
                 found[candidate.name_in_block(item.name)] = Quantity(float(value), float(below), float(above), unit)
         return found
 
@@ -196,7 +197,7 @@ class Estimate:
     def _zero_without(self, candidate: Candidate, sizes: Mapping[str, Quantity]) -> dict[str, Quantity]:
         """Those of the sizes of an effect that are zero without it."""
         values = {candidate.name_in_block(k): v for k, v in self.model.values.items()}
-        null = _sizes_with(candidate, {**values, **candidate.effect.null}, _units(candidate, self.recorded))
+        null = _sizes_with(candidate, {**values, **candidate.effect.null}, units_on_wire(candidate, self.recorded))
         return {key: one for key, one in sizes.items() if null.get(key.partition("@")[0], (1.0, ""))[0] == 0}
 
     def forces(self, candidate: Candidate, sizes: Mapping[str, Quantity]) -> dict[str, str]:
@@ -241,7 +242,7 @@ class Estimate:
 
     def _gradients(self, candidate: Candidate, columns: Mapping[str, int]) -> dict[str, tuple[float, str, np.ndarray]]:
         """Sizes with the parameters in some columns, with their units and gradients by these parameters."""
-        at, units = list(columns.values()), _units(candidate, self.recorded)
+        at, units = list(columns.values()), units_on_wire(candidate, self.recorded)
         theta, wide = self.model.theta[at], np.sqrt(np.diag(self.covariance)[at])
         values = _sizes(candidate, columns, theta, units)
         steps = np.where(np.isfinite(wide) & (wide > 0), DIFFERENCE * wide, 1e-6 * np.maximum(np.abs(theta), 1e-6))
@@ -290,7 +291,7 @@ def detectable_size(
     the first that is so for the ``shape`` that has this limit; else, where the size is part of the shape, the first of
     this shape. Empty where there is none.
     """
-    units, null, shapes = _units(candidate, recorded), dict(candidate.effect.null), candidate.trials.shapes
+    units, null, shapes = units_on_wire(candidate, recorded), dict(candidate.effect.null), candidate.trials.shapes
     lowest = min((one.get(parameter, 0.0) for one in shapes), default=0.0)
     negative = shape.get(parameter, lowest) < 0  # a lower limit; a strength has no sign
     values = (-abs(limit), -2 * abs(limit)) if negative else (limit, 2 * limit)
@@ -326,27 +327,6 @@ def recorded_units(setup: Setup) -> dict[str, str]:
     """The units of the outputs and inputs of a model, displayed in those of the recordings."""
     records = [one.record for one in setup.experiments]
     return {name: as_recorded(setup.diagram, name, records) for name in (*setup.outputs, *setup.diagram.inports)}
-
-
-def displayed_unit(unit: str, candidate: Candidate, recorded: Mapping[str, str]) -> str:
-    """The unit of a parameter of an effect, displayed as the signals on which it acts, and as their rates."""
-    signals = [*_units(candidate, recorded), *recorded.values()]
-    return displayed_in(unit, [*signals, *(times(one, "s", -1) for one in signals[:2] if one)])
-
-
-def _units(candidate: Candidate, recorded: Mapping[str, str]) -> tuple[str, str]:
-    """The units of the signal on which an effect acts, and of the second one; empty where none is known.
-
-    They are displayed in the unit of a recorded signal of the same quantity, of the one on the wire first.
-    """
-    point = candidate.point
-
-    def unit(signal: str) -> str:
-        own = [recorded.get(name, "") for name in (signal, point.output)]
-        return displayed_in(unit_of_signal(candidate.diagram, signal), [*own, *recorded.values()])
-
-    wire = unit(point.signal)
-    return wire, unit(point.other) if point.other else wire
 
 
 def as_force(size: Quantity, signal: str, diagram: Diagram) -> str:

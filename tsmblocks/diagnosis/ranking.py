@@ -6,11 +6,12 @@ from collections.abc import Collection
 
 import attrs
 
+from tsmblocks.diagnosis.candidate_units import displayed_unit
 from tsmblocks.diagnosis.candidates import Candidate
 from tsmblocks.diagnosis.decision import MIN_VARIANCE_REDUCTION, mean_loss
 from tsmblocks.diagnosis.diagnosed_part import DiagnosedPart
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
-from tsmblocks.diagnosis.quantities import displayed_unit, recorded_units
+from tsmblocks.diagnosis.quantities import recorded_units
 from tsmblocks.diagnosis.rejection import INDISTINGUISHABLE, MORE_GENERAL, WORSE_BESIDE_OTHERS, alternatives_to, why_not
 from tsmblocks.diagnosis.search_rounds import SearchRound
 from tsmblocks.diagnosis.segment import RankedCandidate
@@ -95,7 +96,7 @@ def _fitted_row(
         at_bound=one.at_bounds,
         why_not=reason,
         parameters={name: one.model.values[item.name] for name, item in items.items()},
-        units={name: displayed_unit(item.unit, one.candidate, recorded) for name, item in items.items()},
+        units={name: displayed_unit(item, one.candidate, recorded) for name, item in items.items()},
     )
 
 

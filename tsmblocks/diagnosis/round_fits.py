@@ -45,13 +45,17 @@ class Fit(NamedTuple):
 def fits_from_starts(
     scores: Sequence[ScreeningScore], known: FittedCandidate | None, search: SearchContext, **options: Any
 ) -> list[Fit]:
-    """The candidates fitted from all their starting points, with the ``options`` of ``optimized``."""
+    """The candidates fitted from all their starting points, with the ``options`` of ``optimized``.
+
+    Without those whose simulation fails wherever their fits end, as a root of what becomes negative does.
+    """
     fits: list[Fit] = []
     fitted: Fitted = functools.partial(optimized, **options)
     for k, one in enumerate(scores):
         search.progress("fitted", k, len(scores))
         ends = [fitted(one.problem, one.setup, start) for start in starts_of_fit(one, known, fitted)]
-        fits.append(Fit(one, min(ends, key=lambda m: m.mean_square)))
+        finite = [model for model in ends if np.isfinite(model.mean_square)]
+        fits += [Fit(one, min(finite, key=lambda m: m.mean_square))] if finite else []
     return fits
 
 
@@ -187,7 +191,8 @@ def refined_fits(fits: Sequence[Fit], base: float) -> list[Fit]:
     """
     least = min((one.model.mean_square for one in fits), default=0.0)
     most = min(VARIANTS_RATIO * least, CLEAR_SHARE * base)
-    return with_memories(at_best_instants(with_variants(fits, most), most))
+    refined = with_memories(at_best_instants(with_variants(fits, most), most))
+    return [one for one in refined if np.isfinite(one.model.mean_square)]
 
 
 def with_memories(fits: Sequence[Fit]) -> list[Fit]:

@@ -164,10 +164,10 @@ def verdict_word(segment: Segment) -> str:
         return segment.verdict.capitalize()
     if not segment.complete:
         return "Named, incomplete"
-    return "Named, rest unexplained" if _leaves_unexplained(segment) else "Named"
+    return "Named, rest unexplained" if leaves_unexplained(segment) else "Named"
 
 
-def _leaves_unexplained(segment: Segment) -> bool:
+def leaves_unexplained(segment: Segment) -> bool:
     """Whether the residual with the named effects is far above the noise floor and may be slow noise."""
     gap = most_reduced(segment)
     if gap.given or _outliers(gap) or _cause_at_inputs(segment):
