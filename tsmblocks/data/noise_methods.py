@@ -32,6 +32,9 @@ STILL_MEAN_SAMPLES = 10
 """Samples whose mean is taken when rests are searched. Chosen: it lowers white noise to a third."""
 MIN_RESTS = 3
 """Rests from which their beginnings are compared. Chosen."""
+MAX_LOUDER = 3.0
+"""Rms of a signal in a rest over that in one of twice its length, or its fast noise, up to which it may be at rest in
+both. Chosen: slow noise is larger in the longer one."""
 RESPONSE_SAMPLES = 30
 """Samples for which a signal responds to an input that moves a little while it seems to rest. Chosen."""
 MIN_PERIOD_SAMPLES = 4
@@ -200,6 +203,8 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     for rest in _settled_together([Stretch(record[name][k][there[k]], record.step) for k in late], fast):
         first, still = settled([rest], fast)
         (made if still else moving).append(rest.cut(first))
+    made, louder = _as_quiet(made, fast)
+    moving += louder
     found = Found(STAND_STILL, tuple(made), float(record.t[-1] - record.t[0]))
     if found.samples - len(made) < MIN_FREEDOM:
         found = attrs.evolve(found, stretches=tuple(moving))
@@ -207,6 +212,18 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     if smooth(made, fast) or any(_follows(record, k, name, rests) for k in others):
         return attrs.evolve(found, doubt=STILL_MOVING)
     return found
+
+
+def _as_quiet(rests: list[Stretch], fast: float) -> tuple[list[Stretch], list[Stretch]]:
+    """Rests in which the signal may be at rest, and short ones in which it still settles: many times as far as in the
+    longest.
+    """
+    longest = max(rests, key=lambda one: len(one.x), default=None)
+    least = max(float(np.std(longest.x)), fast) if longest is not None else 0.0
+    short = [longest is not None and 2 * len(one.x) <= len(longest.x) for one in rests]
+    quiet = [not (s and float(np.std(one.x)) > MAX_LOUDER * least) for one, s in zip(rests, short, strict=True)]
+    kept, louder = ([r for r, q in zip(rests, quiet, strict=True) if q is wanted] for wanted in (True, False))
+    return kept, louder
 
 
 def _settled_together(rests: list[Stretch], fast: float) -> list[Stretch]:
