@@ -367,7 +367,10 @@ def test_steps_that_leave_the_path_alone_are_named_for_the_rate():
     rate = np.sqrt(np.mean((np.diff(stepped["x"]) - np.diff(x)) ** 2)) / np.abs(np.diff(x)).mean()
     (said,) = cautions(stepped)
     assert said.startswith("x is quantised in steps of 0.00153 rad, which makes its rate wrong by ")
-    assert said.endswith(" %. Where the rate drives the model, filter it first: filtered('x', cutoff=50), for example.")
+    assert said.endswith(
+        " %. Where the rate drives the model, filter it first: filtered('x', cutoff=50), for example, above the "
+        "frequencies of its motion."
+    )
     assert float(said.split("wrong by ")[1].split(" %")[0]) == pytest.approx(100 * rate, rel=0.15)
     assert cautions(stepped.filtered("x", cutoff=50.0)) == ()
     assert cautions(record(t, x=1e-6 * np.round(x / 1e-6))) == ()  # digits of a file

@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.blocks import DeadTime, FirstOrderLag, Gain, Integrator, Sum, ViscousFriction
+from tsmblocks.blocks import (
+    Constant,
+    DeadTime,
+    FirstOrderLag,
+    Gain,
+    Integrator,
+    Product,
+    Saturation,
+    Sum,
+    ViscousFriction,
+)
 from tsmblocks.common.errors import DiagramError
 from tsmblocks.diagnosis.control_loops import control_loops
 from tsmblocks.diagnosis.insertion_points import insertion_points
@@ -19,6 +29,11 @@ from tsmblocks.model.arguments import Inlet
 from tsmblocks.model.diagram import Diagram
 
 SLOW_NEEDS = ["diagnosis"]
+LOOP_WIRES = [
+    "error -> controller -> amplifier -> motor -> force.plus -> mass -> speed -> position -> error.minus",
+    "speed -> damper -> force.minus1",
+    "position -> spring -> force.minus2",
+]
 LOOP = Diagram(
     title="a carriage on a spring in a position loop",
     blocks={
@@ -33,11 +48,7 @@ LOOP = Diagram(
         "damper": ViscousFriction(coefficient=22.0),
         "spring": Gain(gain=90.0, unit="N"),
     },
-    wires=[
-        "error -> controller -> amplifier -> motor -> force.plus -> mass -> speed -> position -> error.minus",
-        "speed -> damper -> force.minus1",
-        "position -> spring -> force.minus2",
-    ],
+    wires=LOOP_WIRES,
     inputs={"ref": Inlet("error.plus", unit="m")},
     outputs={"x": "position"},
 )
@@ -58,6 +69,72 @@ def test_wires_of_a_control_loop():
         "controller.y -> amplifier.u",
     ]
     assert places(LOOP, "drive") == ["mass.y -> speed.u", "error.y -> controller.u", "controller.y -> amplifier.u"]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "unit", "seen"),
+    [
+        (Gain(gain=50.0, unit="V"), "V", True),
+        (Gain(gain=1.0), "", True),
+        (Gain(gain=1e3, unit="mm"), "mm", True),
+        (Gain(gain=90.0, unit="N"), "N", False),  # a spring
+    ],
+)
+def test_a_position_is_fed_back_through_the_gain_of_its_sensor(sensor, unit, seen):
+    wires = [wire.replace("-> error.minus", "-> sensor -> error.minus") for wire in LOOP_WIRES]
+    inputs, units = {"ref": Inlet("error.plus", unit=unit)}, {"x": "m"}
+    diagram = Diagram(
+        blocks={**LOOP.blocks, "sensor": sensor},
+        wires=wires,
+        inputs=inputs,
+        outputs={"x": "position"},
+        output_units=units,
+    )
+    wires = ["sensor.y -> error.minus", "error.y -> controller.u", "controller.y -> amplifier.u"]
+    assert places(diagram, "loop") == (wires if seen else [])
+
+
+def test_a_voltage_of_a_speed_or_a_current_is_no_measurement():
+    """The voltages of a motor balance as a control error does."""
+    diagram = Diagram(
+        blocks={
+            "net": Sum(signs="+--"),
+            "coil": Integrator(gain=100.0, unit="A"),
+            "ohm": Gain(gain=2.0, unit="V"),
+            "torque": Gain(gain=0.1, unit="N*m"),
+            "speed": Integrator(gain=1e3, unit="rad/s"),
+            "emf": Gain(gain=0.1, unit="V"),
+        },
+        wires=["net -> coil -> torque -> speed -> emf -> net.minus1", "coil -> ohm -> net.minus2"],
+        inputs={"u": Inlet("net.plus", unit="V")},
+        outputs={"w": "speed", "i": "coil"},
+    )
+    assert places(diagram, "loop") == []
+
+
+def test_what_an_actuator_moves_is_a_place_in_the_loop():
+    """The spool of a valve: behind its lag, where the pressure drop comes in."""
+    diagram = Diagram(
+        blocks={
+            "error": Sum(signs="+-"),
+            "card": Gain(gain=4.0, unit="V"),
+            "limit": Saturation(low=-10.0, high=10.0),
+            "spool": FirstOrderLag(time_constant=0.01),
+            "drop": Constant(value=12.0),
+            "flow": Product(),
+            "speed": Gain(gain=3.0, unit="mm/s"),
+            "travel": Integrator(),
+        },
+        wires=[
+            "error -> card -> limit -> spool -> flow.u1",
+            "drop -> flow.u2",
+            "flow -> speed -> travel -> error.minus",
+        ],
+        inputs={"ref": Inlet("error.plus", unit="mm")},
+        outputs={"x": "travel"},
+    )
+    wires = ["travel.y -> error.minus", "error.y -> card.u", "card.y -> limit.u", "spool.y -> flow.u1"]
+    assert places(diagram, "loop") == wires
 
 
 TWO_INERTIAS = Diagram(

@@ -2,13 +2,25 @@
 
 from types import SimpleNamespace
 
+import attrs
+import numpy as np
 import pytest
 
 from tests.search_tables import Table, effect, names, search_of
-from tsmblocks.diagnosis import exchange
+from tsmblocks.diagnosis import exchange, forward_selection
 from tsmblocks.diagnosis.decision import is_more_general
 from tsmblocks.diagnosis.exchange import exchange_effects
 from tsmblocks.diagnosis.forward_selection import forward_search
+from tsmblocks.diagnosis.search_rounds import SearchContext
+
+
+@attrs.frozen(eq=False)
+class Score:
+    """What a round predicted of a candidate."""
+
+    gain: float
+    noise_gains: np.ndarray
+    candidate: SimpleNamespace
 
 
 @pytest.fixture
@@ -98,3 +110,30 @@ def test_no_effect_is_exchanged_for_a_second_one_of_a_name(searching, monkeypatc
     assert searching(table)[1] == "CA"
     monkeypatch.setattr(exchange, "_has_name_of", lambda new, one: new.candidate.effect.name == "C")
     assert searching(table)[1] == "BA"
+
+
+def test_what_promised_little_is_searched_for_beside_the_others_only_where_nothing_else_is_found(monkeypatch):
+    """A stood for B and C. Of the two, a round in which A was named promised a tenth of what it did of A, or less."""
+    table, seen = Table({"": 20, "A": 6, "B": 9, "C": 11, "AB": 4, "AC": 4.5, "BC": 1.0}, {}, {}), []
+    whole = search_of(table, monkeypatch)
+
+    def noted(model, known, search, found_in=None):
+        seen.append("".join(one.name for one in search.effects))
+        scores = [
+            Score(gain, np.zeros(3), SimpleNamespace(effect=effect(name)))
+            for name, gain in {"A": 10.0, "B": 0.5, "C": 2.0, "D": 0.1}.items()
+        ]
+        return attrs.evolve(table.search_round(model, known, search), screening_scores=tuple(scores))
+
+    for module in (exchange, forward_selection):
+        monkeypatch.setattr(module, "search_round", noted)
+    monkeypatch.setattr(
+        SearchContext, "tried_as", lambda self, one: next(e for e in whole.effects if e.name == one.effect.name)
+    )
+    greedy = []
+    forward_search(frozenset(), {}, whole, greedy)
+    seen.clear()
+    last = exchange_effects(greedy, whole)
+    assert "AC" in seen  # not B, which promised less than a tenth of the best
+    assert seen[seen.index("AC") + 1] == "ABCD"  # none was found among those
+    assert names(last, whole) == "BC"

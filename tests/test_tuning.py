@@ -494,7 +494,8 @@ def test_a_loop_that_hunts_is_told_and_a_limit_prevents_it():
     (said,) = found.hunting
     assert said in found.remarks
     assert said.startswith(
-        "the loop hunts in case 'Feedforward plus PID feedback of the tip': the total variation of u is "
+        "the loop hunts in case 'Feedforward plus PID feedback of the tip', or follows a fast reference better: the total "
+        "variation of u is "
     )
     swings = float(said.split("mostly at about ")[1].split(" Hz")[0])
     assert 15 < swings < 35

@@ -103,5 +103,5 @@ def _rough_rate(record: Record, name: str) -> str:
     return (
         f"{name} is quantised in steps of {with_unit(quantum, record.unit(name))}, which makes its rate wrong by "
         f"{100 * error:.0f} %. Where the rate drives the model, filter it first: "
-        f"filtered('{name}', cutoff={to_digits(0.05 / record.step)}), for example."
+        f"filtered('{name}', cutoff={to_digits(0.05 / record.step)}), for example, above the frequencies of its motion."
     )

@@ -67,10 +67,11 @@ def _write(path: Path, kind: str, columns: Mapping[str, np.ndarray], units: list
         return
     with replacing(path) as file:
         if kind == ".csv":
-            heading = io.StringIO()
-            csv.writer(heading, lineterminator="\n").writerow(columns)  # names with commas and quotes in quotes
-            file.write(heading.getvalue().encode())
-            np.savetxt(file, np.column_stack(list(columns.values())), delimiter=",", fmt="%.17g")
+            text = io.StringIO()
+            writer = csv.writer(text, lineterminator="\n")  # names with commas and quotes in quotes
+            writer.writerow(columns)
+            writer.writerows(np.column_stack(list(columns.values())).tolist())  # the fewest digits that are read as it
+            file.write(text.getvalue().encode())
         else:
             np.savez_compressed(file, **columns, units=np.array(units))  # type: ignore[arg-type]
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 import attrs
 
-from tsmblocks.blocks import Gain, Integrator, Sum
+from tsmblocks.blocks import Gain, Integrator, Product, Sum
 from tsmblocks.common.units import is_one_of, parse
 from tsmblocks.diagnosis.signal_paths import FORCE_TO_POSITION, blocks_behind, integration_count, source_of
 from tsmblocks.model.diagram import Diagram
@@ -14,8 +14,10 @@ from tsmblocks.model.diagram import Diagram
 ELASTIC_DIMENSIONS = {parse(unit).dimension for unit in ("N", "N*m", "m/s^2", "rad/s^2")}
 """Dimensions of what a spring makes of a deflection: a force, a torque, or either of them by its inertia."""
 
-SENSOR_DIMENSIONS = {parse(unit).dimension for unit in ("V", "A", "%", "mm", "deg")}
-"""Dimensions of what a position sensor shows, and of a position."""
+POSITION_DIMENSIONS = {parse(unit).dimension for unit in ("mm", "deg")}
+"""Dimensions of a position."""
+SENSOR_DIMENSIONS = {parse(unit).dimension for unit in ("V", "A", "%")} | POSITION_DIMENSIONS
+"""Dimensions of what a sensor of it shows."""
 
 
 @attrs.frozen
@@ -23,8 +25,8 @@ class ControlLoop:
     """A loop around the block ``error``, a sum, which compares a reference with what arrives at its port ``fed_back``.
 
     ``commands`` are the ports from the control error to the command: those that the error drives, and those that the
-    controller does. ``actuated`` is what an actuator behind them moves, as the spool of a valve: where it meets other
-    signals; empty where there is none.
+    controller does. ``actuated`` is what an actuator behind them moves, as the spool of a valve, where it is multiplied
+    by other signals; empty where there is none.
     """
 
     error: str
@@ -59,7 +61,8 @@ def _is_fed_back(diagram: Diagram, source: str, port: str, named: Collection[str
         return True
     while _is_sensor(diagram, signal.partition(".")[0]):
         signal = in_front(diagram, source_of(diagram, f"{signal.partition('.')[0]}.u"), named)[0]
-    return signal == source and integration_count(diagram, source, before=port, after="") >= FORCE_TO_POSITION
+    moved = integration_count(diagram, source, before=port, after="") >= FORCE_TO_POSITION
+    return signal == source and moved and is_one_of(diagram.unit(source), POSITION_DIMENSIONS)
 
 
 def _is_sensor(diagram: Diagram, name: str) -> bool:
@@ -126,12 +129,11 @@ def in_front(diagram: Diagram, source: str, named: Collection[str]) -> tuple[str
 
 
 def _actuated(diagram: Diagram, commands: Sequence[str], source: str) -> str:
-    """The signal behind a chain of blocks from the last command on, where it meets others; empty without a chain."""
+    """The signal behind a chain of blocks from the last command on that is multiplied by others; empty without one."""
     head = commands[-1].partition(".")[0] if commands else ""
     while head and len(_ports(diagram, head)) == 1 and head != source.partition(".")[0]:
         driven = {x.target[0] for x in diagram.links if x.source[0] == head}
-        meeting = [one for one in driven if len(_ports(diagram, one)) > 1]
-        if meeting:
+        if any(isinstance(diagram.blocks[one], Product) for one in driven):
             return f"{head}.y" if (head, "y") in {x.source for x in diagram.links} else ""
         head = driven.pop() if len(driven) == 1 else ""
     return ""

@@ -79,8 +79,10 @@ def _repeated_beside_others(
 
 def _promising(found: SearchRound, search: SearchContext) -> list[Effect | Relative]:
     """The effects of which a round predicted a part of what it predicted of the best, and all forms of that named."""
+    if not found.screening_scores:
+        return list(search.effects)
     excess = {one: one.gain - float(np.mean(one.noise_gains)) for one in found.screening_scores}
-    least = MIN_PROMISE * max(excess.values(), default=0.0)
+    least = MIN_PROMISE * max(excess.values())
     kept = {id(search.tried_as(one.candidate)) for one, gain in excess.items() if gain >= least}
     name = found.verdict.named.candidate.effect.name if found.verdict.named else ""
     return [one for one in search.effects if id(one) in kept or one.name == name]

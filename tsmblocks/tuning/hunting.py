@@ -109,8 +109,9 @@ def _message(
     more = f"; likewise {few(other.name for other in others)}" if others else ""
     sizes = f"{factor * one.before:.3g} -> {factor * one.after:.3g} {unit}".rstrip()
     return (
-        f"the loop hunts in case '{one.case}': the total variation of {one.name} is {grown} ({sizes}){swings}{more}. "
-        f"To prevent it: subject_to=['variation({one.name}{window}) <= {to_digits(most)}']"
+        f"the loop hunts in case '{one.case}', or follows a fast reference better: the total variation of {one.name} "
+        f"is {grown} ({sizes}){swings}{more}. Look at it; if it hunts, limit it: "
+        f"subject_to=['variation({one.name}{window}) <= {to_digits(most)}']"
     )
 
 
