@@ -107,6 +107,15 @@ def test_the_step_follows_a_lag_that_is_faster_than_the_first_step_allows():
     assert model.values["s.time_constant"] == pytest.approx(1.5, abs=0.2)
 
 
+def test_starts_that_ended_at_one_optimum_count_though_the_step_is_halved_for_the_best():
+    fit = tsm.fit(lagging(60.0), slow_record(1.5), starts=4)
+    assert fit.step < 10.0
+    assert fit.agreeing == len(fit.searches) == 4
+    costs = [one.cost for one in fit.searches]
+    assert costs == sorted(costs)
+    assert not any("starts ended at this optimum: more" in text for text in str(fit).splitlines())
+
+
 @pytest.mark.parametrize("step", [None, 10.0])
 def test_a_lag_at_the_limit_of_the_step_is_said(step):
     fit = tsm.fit(lagging(60.0), slow_record(0.0), starts=1, step=step)

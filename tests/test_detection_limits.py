@@ -76,6 +76,19 @@ def test_limits_are_within_the_range_of_their_signals(found):
     assert all(value and "_" not in name and not name[-1].isdigit() for name, value, _ in sizes.values())
 
 
+def test_a_limit_is_that_of_the_simplest_form_where_it_is_seen_best():
+    """A drift behind the spring is seen at once; one in front of it is hardly, since the spring holds against it."""
+    x = tsm.simulate(VALVE, inputs={"F": (T, F)}, stop=T[-1], step=0.05)["x"]
+    x = x + np.random.default_rng(0).normal(0.0, 0.01, len(T))
+    record = tsm.Record("run", T, {"F": F, "x": x}, {"F": "N", "x": "mm"})
+    settings = dict(free=["spring.gain"], effects=["drift"], noise_floor="0.01mm")
+    limits = tsm.diagnose(VALVE, record, **settings).segments[0].limits
+    (drift,) = limits
+    assert (drift.size_name, drift.size_unit, drift.wire) == ("total drift", "mm", "travel.y -> x")
+    later = tsm.Record("run", T, {"F": F, "x": x + 1.5 * drift.size * T / T[-1]}, {"F": "N", "x": "mm"})
+    assert [one.name for one in tsm.diagnose(VALVE, later, **settings).effects] == ["drift"]
+
+
 def test_a_reason_without_a_name_of_a_parameter():
     assert "- not excited by these experiments: coulomb_friction" in diagnosis().details()
     assert limit_text(LIMITS[2]) == "not excited by these experiments"

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import tsmblocks as tsm
-from tsmblocks.diagnosis.partition import piece_lengths, split_into_pieces
+from tsmblocks.blocks import FirstOrderLag, Integrator
+from tsmblocks.diagnosis.model import ModelSettings
+from tsmblocks.diagnosis.partition import has_lasting_memory, piece_lengths, split_into_pieces
 
 GAIN, LAG, STEP, NOISE, FINE = 2.0, 0.05, 0.005, 0.005, 10
 """Gain [rad/(s V)] and time constant [s] of the motor, sampling [s], rms noise [rad], steps of the loop a sample."""
@@ -42,6 +44,17 @@ def recording(seed, friction, limit=np.inf):
 
 def diagnosed(*runs, effects=("coulomb_friction", "quadratic_drag", "dead_time", "odd_nonlinearity")):
     return tsm.diagnose(MOTOR, runs, noise_floor=NOISE, effects=effects)
+
+
+@pytest.mark.parametrize(("slow", "lasting"), [(FirstOrderLag(time_constant=950.0), False), (Integrator(), True)])
+def test_a_stable_plant_has_no_lasting_memory(slow, lasting):
+    """A load behind a heater: what its temperature began at is gone at the end, though it came slowly."""
+    blocks = {"heater": FirstOrderLag(time_constant=150.0), "load": slow}
+    plant = tsm.Diagram(blocks=blocks, wires=["heater -> load"], inputs={"u": "heater"}, outputs={"y": "load"})
+    t = np.arange(0.0, 1500.0, 5.0)
+    record = tsm.Record("r", t, {"u": np.sin(t / 90.0), "y": np.zeros(len(t))}, {})
+    settings = ModelSettings(None, {"y": 1.0}, ("y",), start_states=True)
+    assert has_lasting_memory(plant, {"r": record}, settings) is lasting
 
 
 def test_a_small_friction_is_seen_in_whole_recordings():

@@ -55,6 +55,22 @@ def test_an_interval_is_wide_where_noise_is_slow():
     assert widths[0] < 1.2 < 2 < widths[1]
 
 
+def test_short_rests_in_which_a_signal_settles_leave_a_long_one():
+    """A reference that stops for 0.4 s nine times, and for 5 s once; the axis follows with a lag of 0.3 s."""
+    rng, t = np.random.default_rng(4), STEP * np.arange(1400)
+    u = np.repeat(rng.uniform(-10.0, 10.0, 18), 50)
+    u = np.concatenate([np.interp(t[:900], 0.5 * np.arange(18) + 0.1, u[::50]), np.full(500, u[-1])])
+    for k in range(0, 900, 100):
+        u[k : k + 60] = u[k]
+    y = np.empty_like(u)
+    y[0] = u[0]
+    for k in range(1, len(u)):
+        y[k] = y[k - 1] + STEP / 0.3 * (u[k] - y[k - 1])
+    found = tsm.noise(tsm.Record("r", t, {"u": u, "y": y + rng.normal(0.0, 0.05, len(t))}, {}), "y", inputs="u")
+    assert found.method == "stand-still"
+    assert found.floor == pytest.approx(0.05, rel=0.15)
+
+
 def test_a_load_that_moves_while_the_inputs_rest_is_no_noise():
     (floor, _, high), methods, doubts = drawn("white", "creeping", 24)
     assert set(methods) == {"high frequencies"}

@@ -117,3 +117,5 @@ def test_cogging_is_found_where_the_angle_of_the_model_is_in_error():
     amplitude, period = effect.sizes["amplitude"], effect.sizes["period"]
     assert amplitude.value == pytest.approx(COGGING / INERTIA, rel=0.1)
     assert period.low < 2 * np.pi / SLOTS < period.high
+    units = {name.partition("@")[0]: one.unit for name, one in effect.parameters.items()}
+    assert (units["force.cosine"], units["force.sine"]) == ("rad/s^2", "rad/s^2")  # not that of the angle
