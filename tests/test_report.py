@@ -328,6 +328,22 @@ def test_the_word_says_whether_the_rest_is_explained(left, changes, word):
     assert verdict_text.verdict_word(attrs.evolve(NAMED, gaps=(gap,), **changes)) == word
 
 
+@pytest.mark.parametrize(
+    ("left", "changes", "said"),
+    [
+        (0.12, {}, ()),
+        (0.19, {}, ("Record twice with the same inputs", "Give the noise of the sensor")),
+        (0.19, {"complete": False, "stopped": True}, ("Let the search run to its end", "Give the noise of the sensor")),
+        (0.9, {"complete": False, "stopped": True}, ("Let the search run to its end",)),
+    ],
+)
+def test_what_to_do_next_beside_what_was_named(left, changes, said):
+    """Nothing was said beside a rest that a repeat or the noise of the sensor would have explained."""
+    gap = attrs.evolve(NAMED.gaps[0], held_out=(1.0 * DEG, left * DEG), method="high frequencies")
+    steps = next_steps(attrs.evolve(NAMED, gaps=(gap,), **changes))
+    assert [step.startswith(begins) for step, begins in zip(steps, said, strict=True)] == [True] * len(said)
+
+
 def test_a_compensator_that_does_no_better_is_explained():
     found = diagnosis()
     assert found.consequence is not None

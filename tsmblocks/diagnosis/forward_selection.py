@@ -81,11 +81,11 @@ def search_round(
         fits = fits_from_starts(chosen, known, search)
     else:
         fits = fits_beside_own(scores, chosen, known, own, search, rough=is_rough(model))
-    fits = with_rivals(fits, scores, model, known, search)
     multiplicity = critical_multiplicity(scores)
     if found_in is not None:
         multiplicity = {k: max(one, found_in.multiplicity.get(k, 1.0)) for k, one in multiplicity.items()}
     limits = critical_gains(scores, multiplicity)
+    fits = with_rivals(fits, limits, model, known, search)
     by_motion = functools.cache(lambda: _predicted_gain(model, search))
     may_be_noise = model.mean_square <= search.likely_noise
     losses, fitted = held_out_losses(model, search.blocks, shrinkage), []

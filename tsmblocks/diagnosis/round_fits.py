@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,7 +61,7 @@ def fits_from_starts(
 
 def with_rivals(
     fits: list[Fit],
-    scores: Sequence[ScreeningScore],
+    limits: Mapping[ScreeningScore, float],
     model: Model,
     known: FittedCandidate | None,
     search: SearchContext,
@@ -69,12 +69,16 @@ def with_rivals(
     """The fits, and those of candidates that were left out though they may be as good as the best.
 
     Only a few variants and places of one effect are fitted at first. Where one of them is the best, another may be
-    better: a load that acts for a time, of a change that stays.
+    better: a load that acts for a time, of a change that stays. ``limits`` are the gains of all candidates, best first,
+    that are noise.
     """
     tried = {one.score.candidate.key for one in fits}
-    best = (model.mean_square - min((one.model.mean_square for one in fits), default=np.inf)) * len(model.r)
-    rivals = [k for k in scores if k.candidate.key not in tried and k.gain >= RIVAL_SHARE * best > 0][:MAX_RIVALS]
-    return [*fits, *fits_from_starts(rivals, known, search)]
+    best = min(fits, key=lambda one: one.model.mean_square, default=None)
+    gain = 0.0 if best is None else (model.mean_square - best.model.mean_square) * len(model.r)
+    if best is None or gain <= limits[best.score]:
+        return fits
+    rivals = [one for one in limits if one.candidate.key not in tried and one.gain >= RIVAL_SHARE * gain]
+    return [*fits, *fits_from_starts(rivals[:MAX_RIVALS], known, search)]
 
 
 def fits_beside_own(

@@ -43,15 +43,15 @@ def halved(problem: Problem, setup: Setup) -> tuple[Problem, Setup] | None:
     return attrs.evolve(problem, experiments=fine), attrs.evolve(setup, experiments=fine, finer=())
 
 
-def state_at_limit(problem: Problem, theta: np.ndarray) -> str:
-    """The state whose pole is as fast as the step allows, ``""`` where there is none.
+def state_at_limit(problem: Problem, theta: np.ndarray, margin: float = STEP_MARGIN) -> str:
+    """The state whose pole is as fast as a step of ``margin`` times this one allows, ``""`` where there is none.
 
     A search cannot go further there: at a faster pole the simulation is unstable. The value found follows from the step
     and not from the data.
     """
     for e, experiment in enumerate(problem.experiments):
         run = RunStart(experiment.eq, problem.unknowns.parameters(theta, e), experiment.times.start)
-        found = fastest_growing_pole(run, experiment.rule, STEP_MARGIN * experiment.times.h)
+        found = fastest_growing_pole(run, experiment.rule, margin * experiment.times.h)
         if found is not None:
             return found.state
     return ""
@@ -83,6 +83,11 @@ def limit_note(problem: Problem, theta: np.ndarray, *, followed: bool = False) -
     if not state:
         return []
     step = problem.experiments[0].times.h
+    if state_at_limit(problem, theta, 1 / STEP_MARGIN):  # it did go further, as a friction that holds lets it
+        return [
+            f"{state} changes faster than a step of {step:.3g} s can simulate, as where a steep friction holds: the "
+            "parameters that set how fast may follow from the step. Compare a fit with a smaller step."
+        ]
     finer = ", and so it does at finer steps" if followed else ""
     advice = (
         "Fix them, or give bounds; the model may lack an effect" if followed else "Give a smaller step, or fix them"
