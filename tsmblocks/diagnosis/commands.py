@@ -126,6 +126,21 @@ def confirmed(model: Model, before: Setup) -> bool:
     return one is None or not one.is_refuted(MAX_DISTANCE)
 
 
+def confirmed_by_fit(model: Model, found: Commands) -> Commands:
+    """Those of some commands with which a fit of the model leaves less, as far as they are holds: clearly so.
+
+    A share is of first order, and what a model still lacks of the form of an effect may look like half a sample of
+    delay.
+    """
+    held = list[str]()
+    for name in found.held:
+        finer = _resolving_holds(model, name)
+        with_hold = _fitted_held(finer, name)
+        if with_hold is not None and with_hold.mean_square <= (1 - CLEAR**2 / len(model.r)) * finer.mean_square:
+            held.append(name)
+    return Commands(tuple(held), found.exact)
+
+
 def commands_instead(base: Model, named: Model, may_be_held: Collection[str]) -> Commands:
     """The input whose hold explains as much as a delay that was named: half a sample of it is the delay of a hold.
 

@@ -21,6 +21,7 @@ from tsmblocks.diagnosis.commands import (
     OtherCommands,
     commands_instead,
     confirmed,
+    confirmed_by_fit,
     found_commands,
 )
 from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
@@ -103,7 +104,7 @@ class Prepared:
         Beside a residual that is far above the noise the evidence has to be sharp: what is missing may delay as well.
         """
         sharp = (FAR_DISTANCE, SHARP_CLEAR) if model.mean_square > MAX_SURE_ERROR else ()
-        if found := self.commands_of(model, *sharp):
+        if found := confirmed_by_fit(model, self.commands_of(model, *sharp)):
             raise OtherCommands(self.commands.joined(found))
 
     def check_named(self, base: Model, named: FittedCandidate) -> None:
