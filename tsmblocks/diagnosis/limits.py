@@ -99,6 +99,7 @@ def _limit(score: ScreeningScore, detectable: float, recorded: Mapping[str, str]
         name, size, unit = detectable_size(candidate, one.parameter, one.value, one.shape, recorded)
         if not _is_beyond(candidate, one.parameter, name, size):
             effect = candidate.effect
+            size = size if np.isinf(effect.null.get(one.parameter, 0.0)) else abs(size)
             value, own = abs(one.value), _unit(score, one.parameter, recorded)
             return DetectionLimit(effect.name, one.parameter, value, own, effect.excites, name, size, unit)
     return None
