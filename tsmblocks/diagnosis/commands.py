@@ -127,10 +127,10 @@ def confirmed(model: Model, before: Setup) -> bool:
 
 
 def confirmed_by_fit(model: Model, found: Commands) -> Commands:
-    """Those of some commands with which a fit of the model leaves less, as far as they are holds: clearly so.
+    """The commands without those held inputs with which a fit of the model does not leave clearly less.
 
-    A share is of first order, and what a model still lacks of the form of an effect may look like half a sample of
-    delay.
+    A share is of first order, and where a model lacks something of the form of an effect, that may look like half a
+    sample of delay.
     """
     held = list[str]()
     for name in found.held:

@@ -59,7 +59,9 @@ def _is_fed_back(diagram: Diagram, source: str, port: str, named: Collection[str
     signal = in_front(diagram, source_of(diagram, port), named)[0]
     if signal == source:
         return True
-    while _is_sensor(diagram, signal.partition(".")[0]):
+    seen = set[str]()
+    while signal not in {*seen, *diagram.inputs} and _is_sensor(diagram, signal.partition(".")[0]):
+        seen.add(signal)
         signal = in_front(diagram, source_of(diagram, f"{signal.partition('.')[0]}.u"), named)[0]
     moved = integration_count(diagram, source, before=port, after="") >= FORCE_TO_POSITION
     return signal == source and moved and is_one_of(diagram.unit(source), POSITION_DIMENSIONS)
