@@ -28,6 +28,9 @@ that share with it what it explains widen it by a few times."""
 ROUNDED = 1e6
 """Interval of a parameter over its value from which only rounding makes it finite. Chosen: far beyond those of weak
 data, and below those seen of sums of 10,000 steps (1e8)."""
+END_SHARE = 0.03
+"""Share of a recording at its ends in which a change is none in time. Chosen: initial states, and the constant form of
+an effect, make up for it there."""
 MIN_EIGENVALUE_SHARE = 1e-10
 """Share of a correlation matrix's largest eigenvalue below which a direction is one with another. Chosen: rounding."""
 
@@ -113,10 +116,11 @@ def lost_parameters(model: Model, base: Model) -> list[str]:
 
 
 def instants_are_determined(model: Model, candidate: Candidate, base: Model) -> bool:
-    """Whether the instants of a sudden change are: their confidence intervals lie inside the recording.
+    """Whether the instants of a sudden change are: their confidence intervals lie well inside the recording.
 
-    A change that ends again at the end of a recording, or is there from its beginning, is another effect. Of separate
-    ones those of the experiment count in which its first size is largest: where it is next to nothing, so are they.
+    A change that ends again near the end of a recording, or is there from near its beginning, is another effect. Of
+    separate ones those of the experiment count in which its first size is largest: where it is next to nothing, so are
+    they.
     """
     items, experiments = model.problem.unknowns.items, model.problem.experiments
     wanted = {f"{candidate.block}.{name}" for name in candidate.trials.refine}
@@ -129,8 +133,9 @@ def instants_are_determined(model: Model, candidate: Candidate, base: Model) -> 
     errors = uncertainty_of_effects(model, base).errors
     for k in (k for k in instants if items[k].experiment in ("", place)):
         where = [one.t for one in experiments if items[k].experiment in ("", one.name, experiment_of(one.name))]
-        low, high = model.theta[k] - INTERVAL * errors[k], model.theta[k] + INTERVAL * errors[k]
-        if not (min(t[0] for t in where) < low and high < max(t[-1] for t in where)):
+        first, last = min(t[0] for t in where), max(t[-1] for t in where)
+        margin = END_SHARE * (last - first) + INTERVAL * errors[k]
+        if not first + margin < model.theta[k] < last - margin:
             return False
     return True
 
