@@ -26,8 +26,11 @@ MIN_SWITCHED_STANDING = 0.25
 MIN_STANDING = 0.5
 """Share of the steps from sample to sample that leave a held signal unchanged, at least. Derived: one that changes at
 every second sample; what changes more often is like a motion."""
+NEXT_TO_JUMP = 0.01
+"""Change beside a jump [that jump] up to which the signal rests there. Chosen: what a filter leaves of noise; in a
+motion neighbouring changes are alike."""
 MIN_JUMPED = 0.9
-"""Share of its travel that a held signal makes in jumps, samples without change on both sides. Chosen: motion makes
+"""Share of its travel that a held signal makes in jumps, with next to no change on both sides. Chosen: motion makes
 next to none of its travel so, except where it is quantised."""
 ONE_SIZE = 2.2
 """Ratio of jumps up to which they may be steps of one quantum. Chosen: a quantum that was rounded once more, for
@@ -86,8 +89,8 @@ def is_held(x: np.ndarray) -> bool:
         return False
     if len(np.unique(x)) <= min(SWITCHED_LEVELS, (len(x) - 1) // 2):
         return True
-    still = np.concatenate([[True], ~moved, [True]])
-    alone = moved & still[:-2] & still[2:]
+    beside = np.concatenate([[0.0], size, [0.0]])
+    alone = moved & (np.maximum(beside[:-2], beside[2:]) <= NEXT_TO_JUMP * size)
     if (~moved).mean() < MIN_STANDING or size[alone].sum() < MIN_JUMPED * size.sum():
         return False
     jumps = size[moved]
