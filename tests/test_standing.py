@@ -204,3 +204,13 @@ def test_held_inputs_of_a_loop_are_diagnosed_without_what_takes_their_rate():
     record = tsm.Record("run", T, {"r": SQUARE, "u": run["u"] + noise[0], "y": run["y"] + noise[1]}, {})
     found = tsm.diagnose(loop, record, free=["lag.*"], noise_floor=0.003, hold="zero")
     assert found.verdict == "none"
+
+
+@pytest.mark.parametrize(("share", "held"), [(1e-4, True), (0.3, False)])
+def test_what_a_filter_leaves_beside_jumps_is_no_motion(share, held):
+    """Twenty levels; behind every third jump the signal moves on for 40 samples, by a share of the jump."""
+    rng = np.random.default_rng(5)
+    x = np.repeat(rng.uniform(-30.0, 30.0, 20), 100)
+    for k in range(100, len(x), 300):
+        x[k : k + 40] += share * abs(x[k] - x[k - 1]) * np.linspace(1.0, 0.0, 40)
+    assert is_held(x) is held
