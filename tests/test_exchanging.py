@@ -112,8 +112,8 @@ def test_no_effect_is_exchanged_for_a_second_one_of_a_name(searching, monkeypatc
     assert searching(table)[1] == "BA"
 
 
-def test_what_promised_little_is_searched_for_beside_the_others_only_where_nothing_else_is_found(monkeypatch):
-    """A stood for B and C. Of the two, a round in which A was named promised a tenth of what it did of A, or less."""
+def test_what_has_a_low_screening_score_is_searched_for_again_only_where_nothing_else_is_found(monkeypatch):
+    """A stood for B and C. In the round in which A was named, the score of B is less than a tenth of that of A."""
     table, seen = Table({"": 20, "A": 6, "B": 9, "C": 11, "AB": 4, "AC": 4.5, "BC": 1.0}, {}, {}), []
     whole = search_of(table, monkeypatch)
 
@@ -134,6 +134,6 @@ def test_what_promised_little_is_searched_for_beside_the_others_only_where_nothi
     forward_search(frozenset(), {}, whole, greedy)
     seen.clear()
     last = exchange_effects(greedy, whole)
-    assert "AC" in seen  # not B, which promised less than a tenth of the best
+    assert "AC" in seen  # not B, whose score is less than a tenth of the best
     assert seen[seen.index("AC") + 1] == "ABCD"  # none was found among those
     assert names(last, whole) == "BC"

@@ -338,7 +338,7 @@ def test_the_word_says_whether_the_rest_is_explained(left, changes, word):
     ],
 )
 def test_what_to_do_next_beside_what_was_named(left, changes, said):
-    """Nothing was said beside a rest that a repeat or the noise of the sensor would have explained."""
+    """No next step was given where a repeat, or the noise of the sensor, would explain the residual."""
     gap = attrs.evolve(NAMED.gaps[0], held_out=(1.0 * DEG, left * DEG), method="high frequencies")
     steps = next_steps(attrs.evolve(NAMED, gaps=(gap,), **changes))
     assert [step.startswith(begins) for step, begins in zip(steps, said, strict=True)] == [True] * len(said)

@@ -1,4 +1,4 @@
-"""Fits at a step that does not resolve a steep friction: what is said of them, and what their intervals are."""
+"""Fits with a step too long for a steep friction: their notes, and their confidence intervals."""
 
 from types import SimpleNamespace
 

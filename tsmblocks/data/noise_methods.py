@@ -32,7 +32,7 @@ STILL_MEAN_SAMPLES = 10
 """Samples whose mean is taken when rests are searched. Chosen: it lowers white noise to a third."""
 MIN_RESTS = 3
 """Rests from which their beginnings are compared. Chosen."""
-MAX_LOUDER = 3.0
+MAX_RMS_RATIO = 3.0
 """Rms of a signal in a rest over that in one of twice its length, or its fast noise, up to which it may be at rest in
 both. Chosen: slow noise is larger in the longer one."""
 RESPONSE_SAMPLES = 30
@@ -203,8 +203,8 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     for rest in _settled_together([Stretch(record[name][k][there[k]], record.step) for k in late], fast):
         first, still = settled([rest], fast)
         (made if still else moving).append(rest.cut(first))
-    made, louder = _as_quiet(made, fast)
-    moving += louder
+    made, settling = _with_settling_apart(made, fast)
+    moving += settling
     found = Found(STAND_STILL, tuple(made), float(record.t[-1] - record.t[0]))
     if found.samples - len(made) < MIN_FREEDOM:
         found = attrs.evolve(found, stretches=tuple(moving))
@@ -214,16 +214,17 @@ def of_rests(record: Record, name: str, drives: list[str]) -> Found | None:
     return found
 
 
-def _as_quiet(rests: list[Stretch], fast: float) -> tuple[list[Stretch], list[Stretch]]:
-    """Rests in which the signal may be at rest, and short ones in which it still settles: many times as far as in the
-    longest.
-    """
-    longest = max(rests, key=lambda one: len(one.x), default=None)
-    least = max(float(np.std(longest.x)), fast) if longest is not None else 0.0
-    short = [longest is not None and 2 * len(one.x) <= len(longest.x) for one in rests]
-    quiet = [not (s and float(np.std(one.x)) > MAX_LOUDER * least) for one, s in zip(rests, short, strict=True)]
-    kept, louder = ([r for r, q in zip(rests, quiet, strict=True) if q is wanted] for wanted in (True, False))
-    return kept, louder
+def _with_settling_apart(rests: list[Stretch], fast: float) -> tuple[list[Stretch], list[Stretch]]:
+    """The rests without the short ones in which the signal still settles, far above the longest; and those."""
+    if not rests:
+        return [], []
+    longest = max(rests, key=lambda one: len(one.x))
+    most = MAX_RMS_RATIO**2 * max(mean_square([longest]), fast**2)
+
+    def settles(one: Stretch) -> bool:
+        return 2 * len(one.x) <= len(longest.x) and mean_square([one]) > most
+
+    return [one for one in rests if not settles(one)], [one for one in rests if settles(one)]
 
 
 def _settled_together(rests: list[Stretch], fast: float) -> list[Stretch]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tsmblocks.common.displayed_units import displayed_in, times
-from tsmblocks.common.units import is_unit, parse
+from tsmblocks.common.units import is_one_of, is_unit, parse
 from tsmblocks.diagnosis.candidates import Candidate, unit_of_signal
 from tsmblocks.fitting.parameter_vector import Unknown
 
@@ -19,7 +19,7 @@ def displayed_unit(item: Unknown, candidate: Candidate, recorded: Mapping[str, s
     """The unit of a parameter of an effect, displayed as the signals on which it acts, and as their rates."""
     wire, other = units_on_wire(candidate, recorded)
     unit, name = item.unit, item.parameter.removeprefix(f"{candidate.block}.")
-    if candidate.effect.place == LOAD and name.startswith(f"{FORCE}.") and _is_same(unit, other):
+    if candidate.effect.place == LOAD and name.startswith(f"{FORCE}.") and _is_same_quantity(unit, other):
         unit = wire
     return displayed_in(unit, [wire, other, *recorded.values(), *(times(one, "s", -1) for one in (wire, other) if one)])
 
@@ -39,7 +39,6 @@ def units_on_wire(candidate: Candidate, recorded: Mapping[str, str]) -> tuple[st
     return wire, unit(point.other) if point.other else wire
 
 
-def _is_same(one: str, other: str) -> bool:
+def _is_same_quantity(unit: str, other: str) -> bool:
     """Whether two units are known and measure the same quantity."""
-    known = bool(one and other) and is_unit(one) and is_unit(other)
-    return known and parse(one).dimension == parse(other).dimension
+    return bool(other) and is_unit(other) and is_one_of(unit, {parse(other).dimension})

@@ -8,7 +8,7 @@ import attrs
 
 from tsmblocks.blocks import Gain, Integrator, Product, Sum
 from tsmblocks.common.units import is_one_of, parse
-from tsmblocks.diagnosis.signal_paths import FORCE_TO_POSITION, blocks_behind, integration_count, source_of
+from tsmblocks.diagnosis.signal_paths import FORCE_TO_POSITION, blocks_behind, driven_by, integration_count, source_of
 from tsmblocks.model.diagram import Diagram
 
 ELASTIC_DIMENSIONS = {parse(unit).dimension for unit in ("N", "N*m", "m/s^2", "rad/s^2")}
@@ -134,9 +134,9 @@ def _actuated(diagram: Diagram, commands: Sequence[str], source: str) -> str:
     """The signal behind a chain of blocks from the last command on that is multiplied by others; empty without one."""
     head = commands[-1].partition(".")[0] if commands else ""
     while head and len(_ports(diagram, head)) == 1 and head != source.partition(".")[0]:
-        driven = {x.target[0] for x in diagram.links if x.source[0] == head}
+        driven = {port.partition(".")[0] for port in driven_by(diagram, f"{head}.y")}
         if any(isinstance(diagram.blocks[one], Product) for one in driven):
-            return f"{head}.y" if (head, "y") in {x.source for x in diagram.links} else ""
+            return f"{head}.y"
         head = driven.pop() if len(driven) == 1 else ""
     return ""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import attrs
-import numpy as np
 
 from tsmblocks.diagnosis.acceptance import accepted_count
 from tsmblocks.diagnosis.decision import (
@@ -19,14 +18,15 @@ from tsmblocks.diagnosis.fitted_candidate import FittedCandidate
 from tsmblocks.diagnosis.forward_selection import forward_search, search_round
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.next_base import next_base
+from tsmblocks.diagnosis.screening_score import gain_beyond_noise
 from tsmblocks.diagnosis.search_rounds import SearchContext, SearchRound
 from tsmblocks.effects import Effect, Relative
 
 MAX_EXCHANGES = 2
 """Effects that are exchanged for others, at most. Chosen: for the run time; where more change, none is there."""
-MIN_PROMISE = 0.1
-"""Predicted gain of an effect beyond that in noise [the best of its round] from which it is searched for again beside
-the others. Chosen: less than what is fitted has in a round; for the run time."""
+MIN_REPEATED_SHARE = 0.1
+"""Predicted gain of an effect beyond that in noise [the largest of its round] from which it is searched for again
+beside the others. Chosen: candidates that are fitted have more; for the run time."""
 
 
 def exchange_effects(rounds: Sequence[SearchRound], search: SearchContext) -> list[SearchRound]:
@@ -55,7 +55,7 @@ def _repeated_beside_others(
     this, others, base = rounds[k].verdict.named, [*rounds[:k], *rounds[k + 1 : count]], rounds[0].base
     other_rounds, model, shrinkage = rounds_for(others, search, base)
     known = _with_all(rounds[k], rounds[count:])
-    again = search_round(model, shrinkage, attrs.evolve(search, effects=_promising(known, search)), known)
+    again = search_round(model, shrinkage, attrs.evolve(search, effects=_worth_repeating(known, search)), known)
     if again.verdict.named is None:
         again = search_round(model, shrinkage, search, known)
     new = again.verdict.named if again.verdict.out_of_bounds_loss == float("inf") else None
@@ -77,13 +77,13 @@ def _repeated_beside_others(
     return made if kept >= least and loss <= before + allowed * search.noise_variance else None
 
 
-def _promising(found: SearchRound, search: SearchContext) -> list[Effect | Relative]:
-    """The effects of which a round predicted a part of what it predicted of the best, and all forms of that named."""
+def _worth_repeating(found: SearchRound, search: SearchContext) -> list[Effect | Relative]:
+    """The effects whose predicted gain in a round is a given share of the largest, and all forms of the one named."""
     if not found.screening_scores:
         return list(search.effects)
-    excess = {one: one.gain - float(np.mean(one.noise_gains)) for one in found.screening_scores}
-    least = MIN_PROMISE * max(excess.values())
-    kept = {id(search.tried_as(one.candidate)) for one, gain in excess.items() if gain >= least}
+    gains = {one: gain_beyond_noise(one) for one in found.screening_scores}
+    least = MIN_REPEATED_SHARE * max(gains.values())
+    kept = {id(search.tried_as(one.candidate)) for one, gain in gains.items() if gain >= least}
     name = found.verdict.named.candidate.effect.name if found.verdict.named else ""
     return [one for one in search.effects if id(one) in kept or one.name == name]
 

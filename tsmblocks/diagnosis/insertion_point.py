@@ -7,6 +7,7 @@ from collections.abc import Callable
 import attrs
 
 from tsmblocks.blocks import Bias
+from tsmblocks.diagnosis.signal_paths import driven_by
 from tsmblocks.model.block import Block
 from tsmblocks.model.diagram import Diagram
 
@@ -70,7 +71,7 @@ class InsertionPoint:
         if self.before:
             return f"{self.signal} -> {self.before}"
         ends = [".".join(e) for e in diagram.inlets.get(self.after, ())]
-        ends += [".".join(x.target) for x in diagram.links if ".".join(x.source) == self.after]
+        ends += driven_by(diagram, self.after)
         ends += [k for k, end in diagram.shown.items() if ".".join(filter(None, end)) == self.after]
         return f"{self.signal} -> {', '.join(dict.fromkeys(ends))}"
 

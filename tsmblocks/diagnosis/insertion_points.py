@@ -12,6 +12,7 @@ from tsmblocks.diagnosis.insertion_point import InsertionPoint
 from tsmblocks.diagnosis.signal_paths import (
     FORCE_TO_POSITION,
     blocks_behind,
+    driven_by,
     driving_port,
     integration_count,
     reaches_through_a_state,
@@ -112,7 +113,7 @@ def _against_motion(place: str, output: str, diagram: Diagram, port: str, moved:
 def _at_the_output(diagram: Diagram, name: str, source: str, named: Collection[str]) -> Iterator[InsertionPoint]:
     """Wires of a measured output, alone and beside an input: those behind all blocks and in front of those named."""
     yield InsertionPoint("output", name, source, after=source)
-    if any(".".join(link.source) == source for link in diagram.links):  # what is measured acts on other blocks too
+    if driven_by(diagram, source):  # what is measured acts on other blocks too
         yield InsertionPoint("output", name, source, before=name)
     signal, port = in_front(diagram, source, named)
     if port:
@@ -134,7 +135,7 @@ def _driving_input(diagram: Diagram, name: str) -> str:
 
 def _behind_the_sensor(diagram: Diagram, name: str, source: str, outputs: Sequence[str]) -> Iterator[InsertionPoint]:
     """The wire from a measured signal to the blocks that it drives, where another measured output depends on them."""
-    driven = [".".join(link.target) for link in diagram.links if ".".join(link.source) == source]
+    driven = driven_by(diagram, source)
     behind = blocks_behind(diagram, source.partition(".")[0])
     if driven and any(diagram.shown[other][0] in behind for other in outputs if other != name):
         yield InsertionPoint("branch", name, source, before=", ".join(driven))
@@ -149,7 +150,7 @@ def _acting_back(diagram: Diagram, name: str, source: str, named: Collection[str
     while (head := signal.partition(".")[0]) not in seen and signal not in diagram.inputs:
         seen.add(head)
         control = {loop.fed_back for loop in control_loops(diagram, signal, named)}
-        driven = [".".join(x.target) for x in diagram.links if ".".join(x.source) == signal]
+        driven = driven_by(diagram, signal)
         for port in driven if len(driven) + (signal == source) > 1 else []:
             block = port.partition(".")[0]
             if port not in control and head in blocks_behind(diagram, block):
@@ -188,16 +189,14 @@ def _in_the_control_loop(diagram: Diagram, name: str, source: str, named: Collec
     """
     for loop in control_loops(diagram, in_front(diagram, source, named)[0], named):
         fed_back = source_of(diagram, loop.fed_back)
-        receivers = {".".join(x.target) for x in diagram.links if ".".join(x.source) == fed_back}
-        if fed_back == source and receivers != {loop.fed_back}:
+        if fed_back == source and driven_by(diagram, source) != [loop.fed_back]:
             yield InsertionPoint("loop", name, source, before=f"{loop.fed_back}, {name}")
         yield InsertionPoint("loop", name, fed_back, before=loop.fed_back)
         for port in loop.commands:
             yield InsertionPoint("drive", name, source_of(diagram, port), before=port)
             yield InsertionPoint("loop", name, source_of(diagram, port), before=port)
         if loop.actuated:
-            driven = ", ".join(".".join(x.target) for x in diagram.links if ".".join(x.source) == loop.actuated)
-            yield InsertionPoint("loop", name, loop.actuated, before=driven)
+            yield InsertionPoint("loop", name, loop.actuated, before=", ".join(driven_by(diagram, loop.actuated)))
 
 
 def _behind(diagram: Diagram, name: str, named: Collection[str]) -> str:
@@ -259,7 +258,7 @@ def is_not_mechanical(unit: str) -> bool:
 
 def _positions(diagram: Diagram, speed: str) -> Iterator[str]:
     """The positions that blocks make of a speed; they need not be measured."""
-    for head in dict.fromkeys(x.target[0] for x in diagram.links if ".".join(x.source) == speed):
+    for head in dict.fromkeys(port.partition(".")[0] for port in driven_by(diagram, speed)):
         yield from positions_of(diagram, head)
 
 

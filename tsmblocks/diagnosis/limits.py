@@ -84,7 +84,7 @@ def _simplest_first(detectable: Mapping[ScreeningScore, float], search: SearchCo
 
     def order(one: ScreeningScore) -> tuple[int, float]:
         most = max((shape.sensitivity for shape in one.shapes), default=0.0)
-        return search.effects.index(search.tried_as(one.candidate)), -most / detectable[one]
+        return search.rank(one.candidate), -most / detectable[one]
 
     return sorted(detectable, key=order)
 
@@ -142,7 +142,7 @@ def _without_limit(
     words = dict[str, str]()
     if absorbed:
         search = diagnosed.search
-        first = min(absorbed, key=lambda p: search.effects.index(search.tried_as(p.candidate)))
+        first = min(absorbed, key=lambda p: search.rank(p.candidate))
         cause, words = ABSORBED, _of_sensor(first, diagnosed.models[0]) or _absorbed_by(first, diagnosed.models[0])
     elif any(s.sensitivity for p in added for s in p.shapes):
         cause = BEYOND

@@ -116,7 +116,7 @@ def fits_beside_own(
 
 def _continued(one: Fit) -> Fit:
     """The fit continued from where it ended."""
-    return one._replace(model=optimized(one.model.problem, one.model.setup, one.model.theta))
+    return _better(one, optimized(one.model.problem, one.model.setup, one.model.theta))
 
 
 def with_variants(fits: Sequence[Fit], most: float) -> list[Fit]:
@@ -195,8 +195,7 @@ def refined_fits(fits: Sequence[Fit], base: float) -> list[Fit]:
     """
     least = min((one.model.mean_square for one in fits), default=0.0)
     most = min(VARIANTS_RATIO * least, CLEAR_SHARE * base)
-    refined = with_memories(at_best_instants(with_variants(fits, most), most))
-    return [one for one in refined if np.isfinite(one.model.mean_square)]
+    return with_memories(at_best_instants(with_variants(fits, most), most))
 
 
 def with_memories(fits: Sequence[Fit]) -> list[Fit]:

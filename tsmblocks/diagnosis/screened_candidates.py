@@ -18,7 +18,7 @@ from tsmblocks.diagnosis.measured_position import at_measured_position
 from tsmblocks.diagnosis.model import Model
 from tsmblocks.diagnosis.replacements import replacement_points
 from tsmblocks.diagnosis.screening import screening_score
-from tsmblocks.diagnosis.screening_score import ScreeningScore
+from tsmblocks.diagnosis.screening_score import ScreeningScore, gain_beyond_noise
 from tsmblocks.diagnosis.screening_step import screening_model
 from tsmblocks.diagnosis.search_rounds import SearchContext
 from tsmblocks.diagnosis.slow_sums import slow_sums
@@ -119,7 +119,7 @@ def worth_fitting(scores: Sequence[ScreeningScore], model: Model, search: Search
     """
     best = scores[0].gain if scores else 0.0
     least = max(MIN_SCREENING_SCORE * search.noise_variance * model.problem.samples, MIN_RELATIVE_SCORE * best)
-    ordered = sorted(scores, key=lambda one: float(np.mean(one.noise_gains)) - one.gain)
+    ordered = sorted(scores, key=lambda one: -gain_beyond_noise(one))
     of_elements = [one for one in ordered if one.candidate.effect.place == ELEMENT][:MAX_FITTED_VARIANTS]
     some = [*various(ordered)[:MAX_FITTED_CANDIDATES], *of_elements]
     chosen = [one for one in scores if one in some or one.candidate.effect.place in BADLY_PREDICTED]

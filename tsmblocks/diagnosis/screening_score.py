@@ -16,6 +16,11 @@ MAX_SIZE_FACTOR = 40.0
 """Largest size of an effect at the start of its fit [trial sizes]. Chosen: beyond it a linear prediction fails."""
 
 
+def gain_beyond_noise(score: ScreeningScore) -> float:
+    """The predicted gain of a candidate less its mean gain in surrogates, which hold noise alone."""
+    return score.gain - float(np.mean(score.noise_gains))
+
+
 @attrs.frozen
 class SizeLimit:
     """The smallest detectable ``value`` of a ``parameter`` of an effect, and the shape for which it holds."""

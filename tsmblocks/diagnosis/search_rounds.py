@@ -87,6 +87,10 @@ class SearchContext:
         tried = (one for one in self.effects if isinstance(one, Effect))
         return next((one for one in tried if (one.name, one.variant) == (effect.name, effect.variant)), effect)
 
+    def rank(self, candidate: Candidate) -> int:
+        """The place in the order of the effects of the one from which a candidate was made."""
+        return self.effects.index(self.tried_as(candidate))
+
     @property
     def likely_noise(self) -> float:
         """The largest mean square of noise that is likely [noise variances]; more is possible."""

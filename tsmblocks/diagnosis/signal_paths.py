@@ -31,6 +31,11 @@ def source_of(diagram: Diagram, port: str) -> str:
     return next(k for k, ends in diagram.inlets.items() if port in {".".join(e) for e in ends})
 
 
+def driven_by(diagram: Diagram, signal: str) -> list[str]:
+    """The ports (``block.port``) that a signal drives."""
+    return [".".join(x.target) for x in diagram.links if ".".join(x.source) == signal]
+
+
 def driving_port(diagram: Diagram, output: str, least: int = FORCE_TO_POSITION) -> str:
     """The nearest port that moves an output through ``least`` integrations or more; ``""`` where there is none."""
     ports = upstream_ports(diagram, diagram.shown[output][0])

@@ -37,7 +37,7 @@ GAIN = 1e-6
 """Gain relative to the cost that counts as one. Chosen."""
 ASTRAY, FEW = 0.5, 3
 """Relative deviation of a finite difference from the derivative; most unknowns examined for it. Chosen."""
-ERRATIC = 1e-8
+UNRESOLVED = 1e-8
 """Change of an unknown, relative to its size, from which on the cost grows where the simulation does not resolve the
 outputs. Chosen: data determine no unknown so well."""
 EQUAL = 1e-12
@@ -194,8 +194,9 @@ def _measure_plateaus(search: _Search, which: Sequence[int], given: np.ndarray |
         middle, far, flat = _edges(search, k)
         if not math.isinf(far):
             search.move(k, middle, search.cost)
-            erratic = far < ERRATIC * size[k]
-            steps[k], plateau[k], any_jumps = steps[k] if erratic else far, flat, True
+            if far >= UNRESOLVED * size[k]:
+                steps[k] = far
+            plateau[k], any_jumps = flat, True
         elif search.costs(k, begun[k : k + 1])[0] <= search.cost * (1 + EQUAL):
             search.move(k, float(begun[k]), search.cost)
     if any_jumps:

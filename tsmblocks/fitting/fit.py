@@ -186,6 +186,7 @@ def fit(
         sigma=sigma,
         **options,
     )
+    follow = step is None and method == "gauss-newton"
     begin, found = feasible_start(problem, problem.unknowns.start), list[OptimizerResult]()
     samples, unweighted = problem.samples, sigma is None and len(problem.priors.which) > 0
     many = functools.partial(starting_points, starts=starts, seed=seed) if segments == 1 else None
@@ -199,12 +200,12 @@ def fit(
         for _ in range(2 if unweighted else 1):
             if unweighted:
                 problem = attrs.evolve(problem, noise=_prior_noise(problem, found))
-            problem, setup, found = search(problem, setup, begin, {**limit, "progress": report_rms}, step is None)
+            problem, setup, found = search(problem, setup, begin, {**limit, "progress": report_rms}, follow)
             begin = found[0].theta
             if interrupt.stop or any(f.status == "interrupted" for f in found):
                 break
         found = _nearest(problem, setup, found, interrupt)
-    return summarise(problem, setup, method, found, followed=step is None and method == "gauss-newton")
+    return summarise(problem, setup, method, found, followed=follow)
 
 
 def _check_method(method: str, segments: int) -> None:
@@ -255,7 +256,7 @@ def _search(
         if method != "ga":
             ends = [refined(problem, end, lambda start: optimizer(problem, start, **options)) for end in ends]
         ends = _ranked(problem, search_discontinuous(problem, _ranked(problem, ends), **options))
-        if follow and method == "gauss-newton":
+        if follow:
             problem, setup, ends = _followed(problem, setup, ends, functools.partial(optimizer, **options))
     except KeyboardInterrupt:  # between searches, or before one had a first result
         with without_checkpoints():

@@ -16,7 +16,7 @@ ProgressCallback = Callable[[str, int, float], None]
 
 CONSTRAINT_TOLERANCE = 1e-9
 """Sum of constraint violations that counts as none. Chosen."""
-SAME = 1.0
+SAME_OPTIMUM = 1.0
 """Costs that differ by less than this many variances of a sample belong to one optimum. Chosen."""
 
 
@@ -48,7 +48,7 @@ class OptimizerResult:
 def is_same_optimum(problem: Problem, best: OptimizerResult, other: OptimizerResult) -> bool:
     """Whether the result of another search belongs to the optimum of the best one."""
     variance = max(2 * best.cost / max(problem.samples, 1), problem.rounding)
-    return abs(other.cost - best.cost) <= SAME * variance
+    return abs(other.cost - best.cost) <= SAME_OPTIMUM * variance
 
 
 def linearised_constraints(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

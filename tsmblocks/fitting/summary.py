@@ -45,7 +45,7 @@ NEXT_TO_NOTHING = 1.0
 DRIVES = 1.02
 """Mean square with filtered inputs over that without, above which their fast part drives the outputs, as that of a
 command does, and is no noise. Chosen: filtering of noise never adds as much."""
-ERRATIC = 1e3
+MAX_DERIVATIVE_RATIO = 1e3
 """Derivative over the finite difference that was taken instead [norms] from which the outputs are erratic. Chosen: at
 jumps and kinks of a simulation that resolves the motion they are alike but for a few times."""
 
@@ -136,7 +136,8 @@ def _erratic_note(problem: Problem, best: OptimizerResult, differences: Jacobian
     if best.difference_steps is None:
         return []
     exact = problem.jacobian(best.theta)[1].norms
-    erratic = [n for n, a, b in zip(problem.unknowns.names, exact, differences.norms, strict=True) if a > ERRATIC * b]
+    norms = zip(problem.unknowns.names, exact, differences.norms, strict=True)
+    erratic = [name for name, derivative, difference in norms if derivative > MAX_DERIVATIVE_RATIO * difference]
     if not erratic:
         return []
     return [
